@@ -1,0 +1,1 @@
+"""Reconstruction side: recordings, cameras and the layouts they are stored in; it knows no energy."""

@@ -1,0 +1,84 @@
+"""The coefficients that describe a material field, their prior, and the options of the fit that finds them."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim.checks import require
+from sim.cloud import RestCloud
+from sim.lame import Lame
+from sim.newton import NewtonOptions
+from sim.prior import FieldModes
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """modes and ratio_modes: fields for log mu and log(lam/mu), 0 for a homogeneous object.
+
+    poisson is the prior's centre; ratio_sd the prior's width of log(lam/mu); ratio_field_sd how much it varies over the
+    object. gain stops the iteration once a step lowers the objective by less, in nats per observed coordinate.
+    """
+
+    modes: int = 80
+    ratio_modes: int = 8
+    poisson: float = 0.4
+    ratio_sd: float = 0.5
+    ratio_field_sd: float = 0.2
+    iterations: int = 12
+    gain: float = 2e-3
+    step: float = 1.5
+    newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(tolerance=1e-5))
+
+    def __post_init__(self) -> None:
+        require(0 < self.poisson < 0.5, "poisson", "lie between 0 and 0.5", self.poisson)
+        require(self.modes >= 0, "modes", "not be negative", self.modes)
+        require(self.iterations > 0, "iterations", "be positive", self.iterations)
+
+    @property
+    def homogeneous(self) -> "FitOptions":
+        """The same options for one pair of Lame parameters: the baseline."""
+        return replace(self, modes=0, ratio_modes=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Basis:
+    """log mu = mean + modes, log(lam/mu) = mean + modes, as one linear map of the coefficients a (K,)."""
+
+    log_mu: np.ndarray  # (N, K)
+    log_ratio: np.ndarray  # (N, K)
+    field: FieldModes
+    options: FitOptions
+    centre: float  # log mu where the coefficients vanish
+    spacing: float  # of the cloud [m]
+
+    @classmethod
+    def of(cls, cloud: RestCloud, options: FitOptions, mu: float) -> "Basis":
+        """The basis on a cloud, around a first guess mu [Pa]."""
+        field_modes = FieldModes.of(cloud, max(options.modes, options.ratio_modes, 2) + 1)
+        soft, ratio = field_modes.modes[:, 1 : options.modes + 1], field_modes.modes[:, 1 : options.ratio_modes + 1]
+        ones, none = np.ones((cloud.count, 1)), np.zeros((cloud.count, 1))
+        log_mu = np.concatenate([ones, none, soft, np.zeros_like(ratio)], axis=1)
+        log_ratio = np.concatenate([none, ones, np.zeros_like(soft), ratio], axis=1)
+        return cls(
+            log_mu=log_mu, log_ratio=log_ratio, field=field_modes, options=options, centre=float(np.log(mu)),
+            spacing=cloud.spacing,
+        )
+
+    def prior(self, length: float, amplitude: float) -> np.ndarray:
+        """Prior variances of the coefficients, (K,); the mean of log mu is all but free."""
+        spectrum = self.field.spectrum(length)
+        soft = amplitude**2 * spectrum[1 : self.options.modes + 1]
+        ratio = self.options.ratio_field_sd**2 * spectrum[1 : self.options.ratio_modes + 1]
+        return np.maximum(np.concatenate([[25.0, self.options.ratio_sd**2], soft, ratio]), 1e-12)
+
+    def lame(self, a: np.ndarray) -> Lame:
+        """The material of coefficients a."""
+        nu = self.options.poisson
+        mu = np.exp(self.centre + self.log_mu @ a)
+        return Lame(mu=mu, lam=mu * np.exp(np.log(2 * nu / (1 - 2 * nu)) + self.log_ratio @ a))
+
+    def directions(self, lame: Lame) -> np.ndarray:
+        """d(mu, lam)/da, (K, N, 2)."""
+        d_mu = lame.mu[:, None] * self.log_mu
+        d_lam = lame.lam[:, None] * (self.log_mu + self.log_ratio)
+        return np.stack([d_mu.T, d_lam.T], axis=2)

@@ -1,0 +1,74 @@
+"""Linear-Gaussian inference on accumulated normal equations: posterior, evidence, and the prior's own parameters."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Normal:
+    """z = J a + noise in accumulated form: A = J^T J (K, K), b = J^T z (K,), c = z^T z, and the number of data."""
+
+    A: np.ndarray
+    b: np.ndarray
+    c: float
+    count: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Posterior:
+    """Mean (K,), covariance (K, K) of the coefficients, and the log evidence of the data."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    evidence: float
+
+
+def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
+    """a | z for a ~ N(0, diag prior) and noise sigma.
+
+    `log p(z) = -(n log sigma^2 + log|I + G^1/2 A G^1/2 / sigma^2| + (c - b^T mean) / sigma^2) / 2` up to a constant.
+    """
+    root = np.sqrt(prior)
+    M = np.eye(len(root)) + root[:, None] * normal.A * root / sigma**2
+    factor = cho_factor(M)
+    covariance = root[:, None] * cho_solve(factor, np.eye(len(root))) * root
+    mean = covariance @ normal.b / sigma**2
+    logdet = 2 * np.log(np.diagonal(factor[0])).sum()
+    misfit = (normal.c - normal.b @ mean) / sigma**2
+    evidence = -0.5 * (normal.count * np.log(sigma**2) + logdet + misfit)
+    return Posterior(mean=mean, covariance=covariance, evidence=float(evidence))
+
+
+def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8) -> float:
+    """The noise that maximises the evidence: residual energy over the degrees of freedom that the fit leaves."""
+    for _ in range(steps):
+        p = posterior(normal, prior, sigma)
+        misfit = normal.c - 2 * normal.b @ p.mean + p.mean @ normal.A @ p.mean
+        used = float((p.covariance * normal.A).sum()) / sigma**2
+        sigma = float(np.sqrt(max(misfit, 1e-300) / max(normal.count - used, 1.0)))
+    return sigma
+
+
+def best_hyperparameters(normal: Normal, basis: Any, state: Any, sigma: float | None, floor: float) -> Any:
+    """The state with the noise (where sigma is None) and the prior's length and amplitude of highest evidence.
+
+    Searched among the neighbours of the present values on a logarithmic grid, so that they move gently. The amplitude of
+    log mu stays below 1.5: a wrong model would else buy its fit with wild moduli. While the noise is below `floor`, the
+    linearisation is too far from the data to choose a prior by: only the noise is set, to the floor.
+    """
+
+    def noise(length: float, amplitude: float) -> float:
+        return sigma or noise_level(normal, basis.prior(length, amplitude), state.sigma)
+
+    present = noise(state.length, state.amplitude)
+    if present < floor or not basis.options.modes:
+        return replace(state, sigma=max(present, floor))
+    steps = np.array([0.67, 1.0, 1.5])
+    shortest = 2 * basis.spacing
+    choices = [(max(state.length * i, shortest), min(state.amplitude * j, 1.5)) for i in steps for j in steps]
+    scores = [posterior(normal, basis.prior(*c), noise(*c)).evidence for c in choices]
+    length, amplitude = choices[int(np.argmax(scores))]
+    return replace(state, length=length, amplitude=amplitude, sigma=noise(length, amplitude))

@@ -1,0 +1,203 @@
+"""Learning the material from observed equilibria: Gauss-Newton in the modes of a smooth prior (paper "Material Reconstruction")."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.adjoint import gradient_check
+from sim.basis import Basis, FitOptions
+from sim.energy import Energy
+from sim.evidence import Normal, best_hyperparameters, posterior
+from sim.lame import Lame
+from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from sim.sensitivity import sensitivities
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Target:
+    """Observed positions in correspondence: only rows where `seen` is set enter the loss."""
+
+    y: np.ndarray  # (T, N, 3) [m]
+    seen: np.ndarray  # (T, N) bool
+    sigma: float | None = None  # noise per coordinate [m]; None: estimated with the fit
+
+    def residual(self, y: np.ndarray) -> np.ndarray:
+        """Observed minus simulated, (T, N, 3), zero where nothing was seen."""
+        return np.where(self.seen[..., None], self.y - y, 0.0)
+
+    def loss(self, y: np.ndarray) -> tuple[float, np.ndarray]:
+        """sum |y - x*|^2 over the seen points, and its derivative: the paper's L."""
+        r = self.residual(y)
+        return float((r**2).sum()), -2 * r
+
+    def frames(self, index: np.ndarray) -> "Target":
+        """The chosen frames."""
+        return replace(self, y=self.y[index], seen=self.seen[index])
+
+    @property
+    def count(self) -> int:
+        """The number of observed coordinates."""
+        return 3 * int(self.seen.sum())
+
+    def rms(self, y: np.ndarray) -> float:
+        """Root mean square residual per coordinate [m]."""
+        return float(np.sqrt((self.residual(y) ** 2).sum() / self.count))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitState:
+    """Everything needed to go on: coefficients, hyperparameters, states, the course of the objective."""
+
+    a: np.ndarray  # (K,) coefficients
+    length: float  # prior correlation length [m]
+    amplitude: float  # prior standard deviation of log mu
+    sigma: float  # noise [m]
+    y: np.ndarray  # (T, N, 3)
+    objective: tuple[float, ...]
+    done: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A learnt material, what the data said about each point, and how the fit went."""
+
+    lame: Lame
+    state: FitState
+    equilibrium: Equilibrium
+    log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu
+    determined: np.ndarray  # (N,) share of the prior's variance that the data removed: 0 prior only, 1 data only
+    mean_sd: float  # posterior standard deviation of the mean of log mu
+    sentence: str
+
+
+def fit(
+    energy: Energy,
+    target: Target,
+    start: np.ndarray,
+    *,
+    mu: float,
+    options: FitOptions | None = None,
+    state: FitState | None = None,
+    progress: Callable[[FitState], None] | None = None,
+) -> Fit:
+    """The most probable material given observed equilibria.
+
+    energy: loads and supports; its own material is only replaced. start (T, N, 3) [m]: where the first solve begins.
+    mu [Pa]: first guess of the shear modulus. Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` by Gauss-Newton with explicit
+    sensitivities; the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so
+    the field becomes no rougher than the noise allows. `progress` sees the state after every step; pass a state back in
+    to resume.
+    """
+    options = options or FitOptions()
+    basis = Basis.of(energy.elastic.cloud, options, mu)
+    solver = LinearSolver.of(energy, options.newton.linear)
+    state = state or _first_state(energy, target, start, basis, solver)
+    normal = None
+    while not state.done:
+        normal = normal_equations(energy, target, basis, state)
+        state = _step(energy, target, basis, solver, state, normal)
+        if progress is not None:
+            progress(state)
+    return _result(energy, target, basis, solver, state, normal or normal_equations(energy, target, basis, state))
+
+
+def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
+    """A first shear modulus [Pa]: the one whose linear response to the loads best matches the observed motion."""
+    cloud = energy.elastic.cloud
+    lame = Lame.from_young(np.full(cloud.count, 2.8 * mu), 0.4)
+    energy = energy.with_elastic(type(energy.elastic).neo_hookean(cloud, lame))
+    rest = np.repeat(cloud.x[None], len(target.y), axis=0)
+    tangent, solver = energy.tangent(rest[:1]), LinearSolver.of(energy, "direct")
+    right = -energy.gradient(rest)
+    u = solver.preconditioner(tangent).many(right[None])[0]
+    u = np.where(target.seen[..., None], u, 0.0)
+    scale = (u * target.residual(rest)).sum() / (u**2).sum()
+    return mu / max(float(scale), 1e-6)
+
+
+def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: LinearSolver, newton: NewtonOptions) -> Equilibrium:
+    m = np.stack([lame.mu, lame.lam], axis=1)
+    return equilibrate(energy.with_elastic(energy.elastic.with_parameters(m)), start, options=newton, solver=solver)
+
+
+def _first_state(
+    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver
+) -> FitState:
+    a = np.zeros(basis.log_mu.shape[1])
+    y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
+    size = float((energy.elastic.cloud.x.max(axis=0) - energy.elastic.cloud.x.min(axis=0)).max())
+    sigma = target.sigma or target.rms(y)
+    state = FitState(a=a, length=size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())
+    return replace(state, objective=(_objective(target, basis, state),))
+
+
+def _objective(target: Target, basis: Basis, state: FitState) -> float:
+    data = (target.residual(state.y) ** 2).sum() / (2 * state.sigma**2) + target.count * np.log(state.sigma)
+    return float(data + (state.a**2 / basis.prior(state.length, state.amplitude)).sum() / 2)
+
+
+def normal_equations(energy: Energy, target: Target, basis: Basis, state: FitState) -> Normal:
+    """The linearised data at a state: A = J^T J, b = J^T (r + J a), c = |r + J a|^2, accumulated frame by frame."""
+    lame = basis.lame(state.a)
+    moved = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
+    residual = target.residual(state.y)
+    A, b, c = 0.0, 0.0, 0.0
+    for t, S in enumerate(sensitivities(moved, state.y, basis.directions(lame))):
+        J = S[:, target.seen[t]].reshape(len(S), -1)
+        z = residual[t, target.seen[t]].ravel() + state.a @ J
+        A, b, c = A + J @ J.T, b + J @ z, c + float(z @ z)
+    return Normal(A=np.asarray(A), b=np.asarray(b), c=c, count=target.count)
+
+
+def _step(
+    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal
+) -> FitState:
+    """One Gauss-Newton step with hyperparameters re-estimated, shortened until the objective falls.
+
+    While the residual is far above the noise the data count less (sigma is at least half the residual), which keeps
+    directions that only the noise would decide from running ahead of the linearisation.
+    """
+    state = best_hyperparameters(normal, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
+    before = _objective(target, basis, state)
+    change = posterior(normal, basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
+    largest = max(np.abs(basis.log_mu @ change).max(), np.abs(basis.log_ratio @ change).max(), 1e-12)
+    size = min(1.0, basis.options.step / largest)
+    for _ in range(6):
+        a = state.a + size * change
+        y = _solve(energy, basis.lame(a), state.y, solver, basis.options.newton)
+        trial = replace(state, a=a, y=y.y)
+        after = _objective(target, basis, trial)
+        if y.converged and after < before:
+            enough = before - after < basis.options.gain * target.count or len(state.objective) >= basis.options.iterations
+            return replace(trial, objective=(*state.objective, after), done=enough)
+        size /= 3
+    return replace(state, done=True)
+
+
+def _result(
+    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal
+) -> Fit:
+    lame = basis.lame(state.a)
+    equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
+    prior = basis.prior(state.length, state.amplitude)
+    covariance = posterior(normal, prior, state.sigma).covariance
+    variance = np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu)
+    before = (basis.log_mu**2 * prior).sum(axis=1)
+    steps = len(state.objective) - 1
+    reason = "reached the noise level" if steps < basis.options.iterations else "stopped at the iteration limit"
+    return Fit(
+        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(variance),
+        determined=np.clip(1 - variance / before, 0, 1), mean_sd=float(np.sqrt(covariance[0, 0])),
+        sentence=f"{reason} after {steps} steps; {equilibrium.sentence}",
+    )  # fmt: skip
+
+
+def check_gradient(energy: Energy, target: Target, result: Fit, *, frames: int = 2) -> float:
+    """Adjoint against finite differences at the fitted material, on the most deformed frames."""
+    motion = ((result.equilibrium.y - energy.elastic.cloud.x) ** 2).sum(axis=(1, 2))
+    index = np.sort(np.argsort(motion)[-frames:])
+    m = np.stack([result.lame.mu, result.lame.lam], axis=1)
+    part = energy.frames(index).with_elastic(energy.elastic.with_parameters(m))
+    some = Target(y=target.y[index], seen=target.seen[index])
+    return gradient_check(part, result.equilibrium.y[index], some.loss, solver=LinearSolver.of(part, "direct"))

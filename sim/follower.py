@@ -1,0 +1,97 @@
+"""Loads that turn with the surface they act on: a jet or a pressure on the deformed pose."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.cloud import RestCloud
+from sim.energy import Energy
+from sim.fixed_point import MixingOptions, fixed_point
+from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
+from sim.terms.loads import AppliedForce
+
+Load = Callable[[np.ndarray, np.ndarray], np.ndarray]  # y (T, N, 3) [m], area (T, N, 3) [m2] -> forces (T, N, 3) [N]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FollowerEquilibrium:
+    """The pose that holds the forces which that pose receives."""
+
+    equilibrium: Equilibrium  # under the last forces
+    force: np.ndarray  # (T, N, 3) [N]
+    change: np.ndarray  # (T,) largest change of a force in the last round, relative to the frame's largest force
+    iterations: int  # solves
+    settled: np.ndarray  # (T,) bool
+
+    @property
+    def y(self) -> np.ndarray:
+        """Positions (T, N, 3) [m]."""
+        return self.equilibrium.y
+
+    @property
+    def converged(self) -> bool:
+        """Whether every frame is in equilibrium with forces that have settled."""
+        return bool(self.settled.all()) and self.equilibrium.converged
+
+    @property
+    def sentence(self) -> str:
+        """What happened, naming the frames that failed."""
+        if self.settled.all():
+            return f"the forces settled in {self.iterations} solves; {self.equilibrium.sentence}"
+        worst = int(self.change.argmax())
+        return (
+            f"in {int((~self.settled).sum())} of {len(self.settled)} frames the forces did not settle with the surface "
+            f"in {self.iterations} solves (frame {worst} still changes by {self.change[worst]:.1e} of its force); "
+            "a smaller load, or steps towards it, may help"
+        )
+
+
+def deformed_area(cloud: RestCloud, y: np.ndarray) -> np.ndarray:
+    """Outward area vectors `a_i = J F^-T A_i` (T, N, 3) [m2] of the poses y (T, N, 3) [m] (Nanson's formula)."""
+    out = np.zeros((*y.shape[:2], 3))
+    outer = np.flatnonzero(cloud.area.any(axis=1))
+    F = cloud.deformation_gradient(y)[:, outer]
+    cofactor = np.linalg.det(F)[..., None, None] * np.linalg.inv(F).swapaxes(-1, -2)
+    out[:, outer] = np.einsum("tnab,nb->tna", cofactor, cloud.area[outer])
+    return out
+
+
+def equilibrate_follower(
+    energy: Energy,
+    load: Load,
+    start: np.ndarray,
+    *,
+    tolerance: float = 1e-6,
+    iterations: int = 30,
+    options: NewtonOptions | None = None,
+) -> FollowerEquilibrium:
+    """Equilibrium (T, N, 3) [m] of the energy and a load that depends on the pose, from `start`.
+
+    Solve, take the area vectors of the solution, take the forces on it, until no force changes by more than `tolerance`
+    of the frame's largest. For a jet: `lambda y, area: jet_forces(jet, y, area)`. A follower load has in general no
+    energy, so this outer loop stands around the Newton solve and not in it.
+    """
+    mixing = MixingOptions(tolerance=tolerance, iterations=iterations)
+    cloud, solver = energy.elastic.cloud, LinearSolver.of(energy, (options or NewtonOptions()).linear)
+    start = np.asarray(start, float)
+    nominal = load(start, deformed_area(cloud, start))
+    scale = np.abs(nominal).max(axis=(1, 2), keepdims=True)
+    scale[scale == 0] = 1.0
+    found = [start]
+
+    def solve(share: np.ndarray) -> Equilibrium:
+        loaded = replace(energy, terms=(*energy.terms, AppliedForce(force=share * scale)))
+        return equilibrate(loaded, found[-1], options=options, solver=solver)
+
+    def image(share: np.ndarray) -> np.ndarray:
+        solved = solve(share)
+        failed = np.array([status is not Status.CONVERGED for status in solved.status])[:, None, None]
+        found.append(np.where(failed, found[-1], solved.y))
+        return np.where(failed, np.nan, load(solved.y, deformed_area(cloud, solved.y)) / scale)
+
+    mixed = fixed_point(image, nominal / scale, mixing)
+    return FollowerEquilibrium(
+        equilibrium=solve(mixed.x), force=mixed.x * scale, change=mixed.change, iterations=mixed.iterations,
+        settled=mixed.settled,
+    )  # fmt: skip

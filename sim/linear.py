@@ -1,0 +1,139 @@
+"""Linear solves with the Hessian, all frames at once: conjugate gradients with a choice of preconditioner."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import SuperLU, splu
+
+from sim.energy import Tangent
+from sim.pattern import Pattern
+from sim.runtime import serial_blas
+
+
+class Preconditioner(Protocol):
+    """An approximate inverse of a tangent, symmetric and positive definite in every frame."""
+
+    def __call__(self, r: np.ndarray) -> np.ndarray:
+        """z ~ H^-1 r, (T, N, 3)."""
+
+    def frames(self, index: np.ndarray) -> "Preconditioner":
+        """The preconditioner of the chosen frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solve:
+    """Result of a batched solve: x (T, N, 3), iterations (T,), converged (T,), curved (T,): a direction with p.Hp <= 0."""
+
+    x: np.ndarray
+    iterations: np.ndarray
+    converged: np.ndarray
+    curved: np.ndarray
+
+
+def conjugate_gradients(
+    product: Callable[[np.ndarray], np.ndarray],
+    right: np.ndarray,
+    precondition: Callable[[np.ndarray], np.ndarray],
+    *,
+    tolerance: float | np.ndarray = 1e-8,
+    limit: int = 400,
+) -> Solve:
+    """Solve H x = right (T, N, 3) to |residual| <= tolerance |right| in every frame.
+
+    A frame stops when it converges or when it meets a direction of negative curvature, where x keeps its last value
+    (for the first direction, the preconditioned right side).
+    """
+    tolerance = np.broadcast_to(tolerance, len(right))
+    x, r = np.zeros_like(right), right.copy()
+    z = precondition(r)
+    p, rz = z.copy(), _dots(r, z)
+    goal = tolerance * np.sqrt(_dots(right, right))
+    iterations, curved = np.zeros(len(right), int), np.zeros(len(right), bool)
+    converged = np.sqrt(_dots(r, r)) <= goal
+    for step in range(limit):
+        active = ~(converged | curved)
+        if not active.any():
+            break
+        q = product(p)
+        curvature = _dots(p, q)
+        bent = active & ((curvature <= 0) | (rz <= 0))
+        if step == 0:
+            x[bent] = z[bent]
+        curved |= bent
+        a = np.where(active & ~bent, rz / np.where(curvature > 0, curvature, 1.0), 0.0)
+        x += a[:, None, None] * p
+        r -= a[:, None, None] * q
+        iterations += active
+        converged |= np.sqrt(_dots(r, r)) <= goal
+        z = precondition(r)
+        following = _dots(r, z)
+        p = z + (following / np.where(rz > 0, rz, 1.0))[:, None, None] * p
+        rz = following
+    return Solve(x=x, iterations=iterations, converged=converged, curved=curved)
+
+
+def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("tna,tna->t", a, b)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
+    """How blocks on a pattern become the arrays of a scalar compressed-column matrix."""
+
+    pattern: Pattern
+
+    @cached_property
+    def template(self) -> tuple[sp.csc_matrix, np.ndarray]:
+        """A matrix of the right shape and the place of each of its entries among the blocks' numbers."""
+        M, N = len(self.pattern.indices), len(self.pattern.indptr) - 1
+        numbers = np.arange(1, 9 * M + 1, dtype=float).reshape(M, 3, 3)
+        matrix = sp.bsr_matrix((numbers, self.pattern.indices, self.pattern.indptr), shape=(3 * N, 3 * N)).tocsc()
+        matrix.sort_indices()
+        return matrix, matrix.data.astype(np.int64) - 1
+
+    def matrix(self, blocks: np.ndarray) -> sp.csc_matrix:
+        """The (3N, 3N) matrix of blocks (M, 3, 3)."""
+        template, place = self.template
+        return sp.csc_matrix((blocks.ravel()[place], template.indices, template.indptr), shape=template.shape)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectFactors:
+    """One sparse factorisation per frame (SuperLU): exact where the tangent is its own, a strong preconditioner nearby."""
+
+    factors: tuple[SuperLU, ...]
+
+    @classmethod
+    def of(cls, tangent: Tangent, layout: Layout, threads: int = 2) -> "DirectFactors":
+        """Factorise every frame, a few at a time: Taichi assembles in this thread, SuperLU runs in several."""
+
+        def factor(blocks: np.ndarray) -> SuperLU:
+            options = {"SymmetricMode": True}
+            return splu(layout.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+        factors: list[SuperLU] = []
+        with serial_blas(), ThreadPoolExecutor(threads) as pool:
+            for first in range(0, len(tangent.y), 4 * threads):
+                frames = slice(first, min(first + 4 * threads, len(tangent.y)))
+                factors += pool.map(factor, tangent.assembled(frames))
+        return cls(factors=tuple(factors))
+
+    def __call__(self, r: np.ndarray) -> np.ndarray:
+        """H^-1 r, (T, N, 3)."""
+        with serial_blas(), ThreadPoolExecutor(2) as pool:
+            return np.stack(list(pool.map(lambda f, v: f.solve(v.ravel()).reshape(v.shape), self.factors, r)))
+
+    def many(self, right: np.ndarray) -> np.ndarray:
+        """H^-1 of several right-hand sides at once, (T, K, N, 3)."""
+        with serial_blas(), ThreadPoolExecutor(2) as pool:
+            solved = pool.map(lambda f, v: f.solve(v.reshape(len(v), -1).T.copy()).T.reshape(v.shape), self.factors, right)
+            return np.stack(list(solved))
+
+    def frames(self, index: np.ndarray) -> "DirectFactors":
+        """The factors of the chosen frames."""
+        return DirectFactors(factors=tuple(self.factors[i] for i in index))

@@ -1,0 +1,65 @@
+"""The air jet of a nozzle as forces on a surface (paper "Dataset": compressed air from a tracked nozzle)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.checks import as_array, require
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Jet:
+    """An air jet over time, a Gaussian of width `footprint` around its axis."""
+
+    position: np.ndarray  # (T, 3) [m] of the nozzle
+    direction: np.ndarray  # (T, 3), unit vectors, the way the air goes
+    force: np.ndarray  # (T,) [N] on a flat wall across the axis
+    footprint: float  # [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceLaw:
+    """Pressure (s / core)^-exponent beyond the distance `core` [m] from the nozzle, constant before it, none behind it.
+
+    A free round jet has exponent 2 and keeps its speed for about six nozzle diameters.
+    """
+
+    core: float  # [m]
+    exponent: float = 2.0
+
+    def __post_init__(self) -> None:
+        require(self.core > 0, "core", "be positive", self.core)
+        require(self.exponent >= 0, "exponent", "not be negative", self.exponent)
+
+    def factor(self, along: np.ndarray) -> np.ndarray:
+        """Pressure relative to that at the nozzle at distances `along` the axis [m]."""
+        return np.where(along > 0, (np.maximum(along, self.core) / self.core) ** -self.exponent, 0.0)
+
+
+def jet_forces(jet: Jet, y: np.ndarray, area: np.ndarray, *, law: DistanceLaw | None = None) -> np.ndarray:
+    """Forces (T, N, 3) [N] of a jet on points y (N, 3) or (T, N, 3) [m] with outward area vectors [m2] of either shape.
+
+    `f_i = p0 exp(-r_i^2 / 2 sigma^2) max(0, -A_i . d) d` with `p0 = force / (2 pi sigma^2)`, r the distance from the
+    axis; without a law the distance along it does not matter. Surface behind other surface is blown on as well.
+    A dead load takes the rest shape (`RestCloud.x`, `.area`), a follower load the deformed one (`sim.follower`).
+    Raises ValueError for a footprint that is not positive and for shapes that do not fit.
+    """
+    require(jet.footprint > 0, "footprint", "be positive", jet.footprint)
+    force = as_array("force", jet.force, (None,))
+    position = as_array("position", jet.position, (len(force), 3))[:, None]
+    d = as_array("direction", jet.direction, (len(force), 3))[:, None]
+    y, area = (_batched(name, value, len(force)) for name, value in (("y", y), ("area", area)))
+    arm = y - position
+    along = (arm * d).sum(axis=2)
+    across = ((arm - along[..., None] * d) ** 2).sum(axis=2)
+    pressure = force[:, None] / (2 * np.pi * jet.footprint**2) * np.exp(-across / (2 * jet.footprint**2))
+    if law is not None:
+        pressure = pressure * law.factor(along)
+    return (pressure * np.maximum(0.0, -(area * d).sum(axis=2)))[..., None] * d
+
+
+def _batched(name: str, value: np.ndarray, frames: int) -> np.ndarray:
+    value = np.asarray(value, float)
+    fits = value.shape[-1:] == (3,) and (value.ndim == 2 or (value.ndim == 3 and len(value) in (1, frames)))
+    require(fits, name, f"have shape (N, 3) or ({frames}, N, 3)", value.shape)
+    return value if value.ndim == 3 else value[None]

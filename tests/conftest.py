@@ -1,0 +1,23 @@
+"""What every test may ask for: measured data where it is present, a software renderer in place of OpenGL."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def measured() -> Callable[[str], Path]:
+    """The path of a file of the measured data ($VEO_DATA, default ../shared/data); skips where it is absent."""
+
+    def find(name: str) -> Path:
+        path = ROOT / os.environ.get("VEO_DATA", "../shared/data") / name
+        if not path.exists():
+            pytest.skip(f"{name} is not in the measured data; set VEO_DATA to its folder")
+        return path
+
+    return find

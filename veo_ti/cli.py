@@ -1,0 +1,134 @@
+"""The `veo` command. Heavy packages load inside the commands, so that help is instant."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+
+app = App(
+    name="veo",
+    help="Virtual elastic objects: tracked points and known forces in, per-point material out.",
+    result_action="return_value",
+)
+
+
+@app.command
+def run(
+    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, paper: bool = False
+) -> None:
+    """Do everything that applies to INPUT, into one folder.
+
+    Parameters
+    ----------
+    source: an .npz or .vtkhdf measurement, a PLUSH object folder, a folder of beam takes, or the word example.
+    out: folder for the results; an interrupted run goes on when called again.
+    modes: how finely the stiffness may vary.
+    every: hold out one frame in so many.
+    paper: use the paper's plain discretisation instead of the consistent one.
+    """
+    folder = Path(source)
+    if folder.is_dir() and list(folder.glob("beam_*.npz")):
+        from veo_ti.beam import run_beam
+
+        _show(run_beam(folder, out))
+        return
+    _show(_identify(source, out, modes, every, paper))
+
+
+@app.command
+def identify(
+    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, paper: bool = False
+) -> None:
+    """Learn per-point Lame parameters from INPUT and judge them on held-out frames.
+
+    Parameters are those of `veo run`.
+    """
+    _show(_identify(source, out, modes, every, paper))
+
+
+@app.command
+def evaluate(obj: Annotated[Path, Parameter(name="OBJECT")], source: Annotated[str, Parameter(name="INPUT")], *,
+             out: Path) -> None:  # fmt: skip
+    """Simulate an identified OBJECT under the loads of INPUT and measure the distance."""
+    from veo_ti.commands import evaluate_object
+
+    _show(evaluate_object(obj, source, out))
+
+
+@app.command
+def simulate(
+    obj: Annotated[Path, Parameter(name="OBJECT")],
+    *,
+    out: Path,
+    force: list[str] | None = None,
+    gravity: str | None = None,
+    contact: list[str] | None = None,
+    steps: int = 12,
+) -> None:
+    """Push an identified OBJECT, change its gravity, or press things on it; forces grow over the steps.
+
+    Parameters
+    ----------
+    obj: a folder of `veo identify`, or a .vtkhdf.
+    out: folder for the results.
+    force: "fx,fy,fz@x,y,z,radius" in N and m: a force spread over the surface around a place.
+    gravity: "gx,gy,gz" in m/s2, instead of the rest pose's.
+    contact: "plane:x,y,z,nx,ny,nz", "sphere:x,y,z,r", "capsule:x,y,z,ax,ay,az,r", "box:x,y,z,hx,hy,hz" or "mesh:FILE"; add
+        "@dx,dy,dz" to have it move that far over the steps.
+    steps: frames over which the loads grow to their full size.
+    """
+    from veo_ti.commands import simulate_object
+
+    _show(simulate_object(obj, out, force or [], gravity, contact or [], steps))
+
+
+@app.command
+def render(obj: Annotated[Path, Parameter(name="OBJECT")], *, out: Path) -> None:
+    """Pictures of an OBJECT: Lame maps, what the data determined, a turntable film, its motion if it has one."""
+    from veo_ti.commands import render_object
+
+    _show({"pictures": [str(path) for path in render_object(obj, out)]})
+
+
+@app.command
+def doctor() -> int:
+    """Say what works on this machine, and what to do about what does not."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from veo_ti.doctor import examine
+
+    console, table = Console(), Table("", "part", "version", "what to do")
+    console.print("What veo_ti needs, and whether this machine has it:")
+    findings = examine()
+    for finding in findings:
+        mark = "ok" if finding.ok else "MISSING" if finding.needed else "-"
+        table.add_row(mark, finding.name, finding.version, finding.sentence)
+    console.print(table)
+    return int(any(not f.ok and f.needed for f in findings))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line. Exit status 0; 1: not everything works; 2: wrong input, in one sentence; 130: Ctrl-C."""
+    try:
+        return app(arguments, exit_on_error=False, print_error=True) or 0
+    except CycloptsError:
+        return 2
+    except (ValueError, OSError) as error:
+        print(f"veo: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("veo: interrupted; what was done so far is kept, the same command goes on from there", file=sys.stderr)
+        return 130
+
+
+def _identify(source: str, out: Path, modes: int, every: int, paper: bool) -> dict[str, object]:
+    from veo_ti.commands import identify_source
+
+    return identify_source(source, out, modes=modes, every=every, paper=paper)
+
+
+def _show(result: dict[str, object]) -> None:
+    print(json.dumps(result, indent=2))

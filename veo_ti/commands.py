@@ -1,0 +1,132 @@
+"""What the command line does: read, compute with a progress bar, write into a folder."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from sim.basis import FitOptions
+from sim.checks import require
+from sim.cloud import CloudOptions
+from sim.fit import FitState
+from sim.terms.base import Term
+from sim.terms.contact import Contact, contact_alpha
+from veo_ti.evaluate import evaluate
+from veo_ti.identify import IdentifyOptions, identify
+from veo_ti.interact import collider_of, force_of, vector
+from veo_ti.object import VirtualElasticObject
+from veo_ti.observation import Observation
+from veo_ti.results import sentence, write_identification
+from veo_ti.store import SequenceWriter, read_sequence, writable_folder, write_json_atomic
+from veo_ti.view import animation, error_map, lame_map, save_picture, sensitivity_map, turntable
+
+console = Console(stderr=True)
+
+
+def identify_source(source: str, out: Path, *, modes: int, every: int, paper: bool) -> dict[str, object]:
+    """`veo identify`: metrics of the written folder."""
+    writable_folder(out)
+    observation = Observation.load(source)
+    cloud = CloudOptions(mode="paper" if paper else "consistent")
+    options = IdentifyOptions(fit=FitOptions(modes=modes), cloud=cloud, every=every)
+    frames, points = observation.points.shape[:2]
+    console.print(f"{observation.name or source}: {points} points, {frames} frames")
+    with _progress(options.fit.iterations) as advance:
+        result = identify(observation, options=options, checkpoints=out, progress=advance)
+    metrics = write_identification(result, observation, out)
+    console.print(sentence(metrics))
+    return metrics
+
+
+@contextmanager
+def _progress(most: int) -> Iterator:
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("solving the first equilibria", total=2 * most)
+        names = {"homogeneous": "one homogeneous material", "field": "per-point material"}
+
+        def advance(stage: str, state: FitState) -> None:
+            text = f"{names[stage]}, step {len(state.objective) - 1}, noise {1e3 * state.sigma:.3g} mm"
+            done = len(state.objective) - 1 + most * (stage == "field")
+            bar.update(task, completed=done, description=text)
+
+        yield advance
+
+
+def evaluate_object(path: Path, source: str, out: Path) -> dict[str, object]:
+    """`veo evaluate`: distances, an error picture, the simulated sequence."""
+    writable_folder(out)
+    obj, observation = VirtualElasticObject.load(path), Observation.load(source)
+    result = evaluate(obj, observation)
+    table = result.table()
+    metrics = {
+        "error_mm": {"mean": table.mean_mm, "p95": table.p95_mm, "max": table.max_mm},
+        "rms_per_coordinate_mm": result.rms_mm(), "status": result.sentence,
+        "force_scale_known": observation.force_scale_known,
+    }  # fmt: skip
+    with SequenceWriter(out / "evaluation.vtkhdf", static=obj.static, attributes=obj.attributes) as writer:
+        for t, time in enumerate(observation.time):
+            writer.append(float(time), result.y[t], {"observed": observation.points[t]})
+    save_picture(error_map(obj.x, result.per_point_mm, title="Mean error of each point"), out / "error.png")
+    write_json_atomic(out / "metrics.json", metrics)
+    console.print(f"The simulation is {table.mean_mm:.2f} mm from the measurement on average.")
+    return metrics
+
+
+def simulate_object(
+    path: Path, out: Path, forces: list[str], gravity: str | None, contacts: list[str], steps: int
+) -> dict[str, object]:
+    """`veo simulate`: the loads grow linearly over the steps; every step's equilibrium, a film and metrics."""
+    writable_folder(out)
+    require(steps >= 1, "steps", "be at least 1", steps)
+    require(bool(forces or gravity or contacts), "veo simulate", "be given --force, --gravity or --contact", "none")
+    obj = VirtualElasticObject.load(path)
+    ramp = np.linspace(0, 1, steps + 1)[1:]
+    terms: list[Term] = []
+    for text in forces:
+        total, place, radius = force_of(text)
+        terms.append(obj.push_at(place, ramp[:, None] * total, radius))
+    if gravity is not None:
+        changed = obj.gravity + ramp[:, None] * (vector("gravity", gravity, 3) - obj.gravity)
+        terms.append(obj.under_gravity(changed))
+    alpha = contact_alpha(float(np.median(obj.lame.mu)), obj.cloud.spacing)
+    for text in contacts:
+        shape, position = collider_of(text, ramp)
+        terms.append(Contact(shape=shape, volume=obj.cloud.volume, alpha=alpha, position=position))
+    result = obj.simulate(*terms, frames=steps)
+    moved = 1e3 * np.linalg.norm(result.y - obj.x, axis=2)
+    with SequenceWriter(out / "simulation.vtkhdf", static=obj.static, attributes=obj.attributes) as writer:
+        for t in range(steps):
+            writer.append(float(ramp[t]), result.y[t], {"displacement": result.y[t] - obj.x})
+    animation(result.y, moved, out / "motion.mp4", label="mm", title="Displacement")
+    metrics = {
+        "status": result.sentence, "converged": result.converged, "residual": result.residual.tolist(),
+        "largest_displacement_mm": float(moved.max()), "force_scale_known": obj.force_scale_known,
+    }  # fmt: skip
+    write_json_atomic(out / "metrics.json", metrics)
+    console.print(f"The object moves by at most {moved.max():.2f} mm; {result.sentence}.")
+    return metrics
+
+
+def render_object(path: Path, out: Path) -> list[Path]:
+    """`veo render`: the object's maps, a turntable, and its stored motion."""
+    writable_folder(out)
+    obj = VirtualElasticObject.load(path)
+    pictures = [
+        save_picture(lame_map(obj.x, obj.lame.mu, title="Shear modulus mu"), out / "mu.png"),
+        save_picture(lame_map(obj.x, obj.lame.mu, inside=True, title="Shear modulus mu, inside"), out / "mu_inside.png"),
+        save_picture(lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam"), out / "lam.png"),
+        save_picture(sensitivity_map(obj.x, obj.static["sensitivity"]), out / "sensitivity.png"),
+        turntable(obj.x, obj.lame.mu / 1e3, out / "mu.mp4", label="kPa", title="Shear modulus mu", log=True),
+    ]
+    stored = read_sequence(path / "object.vtkhdf" if path.is_dir() else path)
+    if len(stored.time) > 1:
+        moved = 1e3 * np.linalg.norm(stored.points - obj.x, axis=2)
+        film = animation(
+            stored.points, moved, out / "motion.mp4", label="mm", title="Simulated motion", time=stored.time
+        )
+        pictures.append(film)
+    return pictures

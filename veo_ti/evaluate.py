@@ -1,0 +1,80 @@
+"""How far a simulated object lies from a measurement: the paper's Table 1, and what to compare it with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.metrics import DistanceTable, distance_table
+from sim.checks import require
+from sim.energy import Energy
+from sim.fit import Target
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from veo_ti.object import VirtualElasticObject
+from veo_ti.observation import Observation
+from veo_ti.scene import energy_of, target_of
+
+NEWTON = NewtonOptions(tolerance=1e-6)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """A simulation of every frame of a measurement and its distances from it."""
+
+    y: np.ndarray  # (T, N, 3) [m]
+    converged: np.ndarray  # (T,) bool
+    sentence: str
+    target: Target
+
+    def table(self, frames: np.ndarray | None = None) -> DistanceTable:
+        """Mean, 95 % and largest distance over the observed surface points, in the chosen frames (default all)."""
+        index = np.arange(len(self.y)) if frames is None else frames
+        return distance_table(self.y[index], self.target.y[index], observed=self.target.seen[index])
+
+    def rms_mm(self, frames: np.ndarray | None = None) -> float:
+        """Root mean square error per coordinate [mm]."""
+        index = np.arange(len(self.y)) if frames is None else frames
+        return 1e3 * self.target.frames(index).rms(self.y[index])
+
+    @property
+    def per_frame_mm(self) -> np.ndarray:
+        """Mean distance of each frame, (T,) [mm]; zero where nothing was observed."""
+        distance = np.linalg.norm(self.target.residual(self.y), axis=2)
+        return 1e3 * distance.sum(axis=1) / np.maximum(self.target.seen.sum(axis=1), 1)
+
+    @property
+    def per_point_mm(self) -> np.ndarray:
+        """Mean distance of each point over the frames that saw it, (N,) [mm]."""
+        distance = np.linalg.norm(self.target.residual(self.y), axis=2)
+        return 1e3 * distance.sum(axis=0) / np.maximum(self.target.seen.sum(axis=0), 1)
+
+
+def evaluate(obj: VirtualElasticObject, observation: Observation) -> Evaluation:
+    """Simulate the object under the measured loads, from rest, and compare. Raises ValueError when the points differ."""
+    require(len(obj.x) == len(observation.fixed), "observation", "have the object's points", observation.points.shape)
+    energy = energy_of(observation, obj.cloud).with_elastic(obj.elastic)
+    start = np.repeat(obj.x[None], len(observation.time), axis=0)
+    return judged(solve_sequence(energy, start), target_of(observation))
+
+
+def judged(equilibrium: Equilibrium, target: Target) -> Evaluation:
+    """The comparison of a solved sequence with its target."""
+    converged = np.array([status.value == "converged" for status in equilibrium.status])
+    return Evaluation(y=equilibrium.y, converged=converged, sentence=equilibrium.sentence, target=target)
+
+
+def unmoved(x: np.ndarray, target: Target) -> Evaluation:
+    """The baseline that predicts no motion at all."""
+    y = np.repeat(x[None], len(target.y), axis=0)
+    return Evaluation(y=y, converged=np.ones(len(y), bool), sentence="no motion", target=target)
+
+
+def solve_sequence(energy: Energy, start: np.ndarray) -> Equilibrium:
+    """Equilibria of all frames; one that fails is tried again from the nearest frame in time that did not."""
+    first = equilibrate(energy, start, options=NEWTON)
+    failed = np.array([t for t, status in enumerate(first.status) if status.value != "converged"], int)
+    good = np.setdiff1d(np.arange(len(start)), failed)
+    if not len(failed) or not len(good):
+        return first
+    near = good[np.abs(good[None] - failed[:, None]).argmin(axis=1)]
+    again = equilibrate(energy.frames(failed), first.y[near], options=NEWTON)
+    return first.with_frames(failed, again)

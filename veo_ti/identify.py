@@ -1,0 +1,173 @@
+"""From a measurement to a virtual elastic object: homogeneous baseline, material field, held-out error."""
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sim.basis import FitOptions
+from sim.cloud import CloudOptions, RestCloud
+from sim.energy import Energy
+from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
+from veo_ti.checkpoint import read_state, write_state
+from veo_ti.evaluate import Evaluation, judged, solve_sequence, unmoved
+from veo_ti.object import VirtualElasticObject
+from veo_ti.observation import Observation
+from veo_ti.scene import cloud_of, energy_of, target_of
+
+Progress = Callable[[str, FitState], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions:
+    """fit: the material field; cloud: the discretisation; every: one frame in so many is held out, in blocks."""
+
+    fit: FitOptions = field(default_factory=FitOptions)
+    cloud: CloudOptions = field(default_factory=CloudOptions)
+    every: int = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """A learnt object with the evidence for and against it.
+
+    The three evaluations cover all frames; held_out frames were never used to choose anything.
+    """
+
+    object: VirtualElasticObject
+    fit: Fit
+    homogeneous: Fit
+    model: Evaluation
+    baseline: Evaluation  # the homogeneous material
+    rest: Evaluation  # no motion at all
+    train: np.ndarray  # frame indices
+    held_out: np.ndarray
+    gradient_error: float
+    seconds: float
+
+    @property
+    def metrics(self) -> dict[str, object]:
+        """The numbers of `metrics.json`."""
+        errors = {name: self._tables(part) for name, part in self._evaluations.items()}
+        lame = self.object.lame
+        return {
+            "error_mm": errors["model"], "error_mm_homogeneous": errors["homogeneous"],
+            "error_mm_no_change": errors["no_change"],
+            "rms_per_coordinate_mm": {
+                name: {"training": part.rms_mm(self.train), "held_out": _or_none(part.rms_mm, self.held_out)}
+                for name, part in self._evaluations.items()
+            },
+            "noise_mm": 1e3 * self.fit.state.sigma, "gradient_check": self.gradient_error,
+            "iterations": len(self.fit.state.objective) - 1, "status": self.fit.sentence, "seconds": self.seconds,
+            "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
+            "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,
+            "determined": _spread(self.fit.determined), "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
+            "force_scale_known": self.object.force_scale_known, "frames": {
+                "training": self.train.tolist(), "held_out": self.held_out.tolist(),
+                "not_converged": np.flatnonzero(~self.model.converged).tolist(),
+            },
+        }  # fmt: skip
+
+    @property
+    def _evaluations(self) -> dict[str, Evaluation]:
+        return {"model": self.model, "homogeneous": self.baseline, "no_change": self.rest}
+
+    def _tables(self, part: Evaluation) -> dict[str, object]:
+        return {"training": _table(part, self.train), "held_out": _table(part, self.held_out)}
+
+
+def identify(
+    observation: Observation,
+    *,
+    options: IdentifyOptions | None = None,
+    checkpoints: Path | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """Learn per-point Lame parameters from a measurement and judge them on frames that were held out.
+
+    checkpoints: a folder where the state after every step is kept; an interrupted call goes on from there when the
+    measurement and the options are the same. progress(stage, state) is called after every step.
+    """
+    began, options = time.perf_counter(), options or IdentifyOptions()
+    cloud = cloud_of(observation, options.cloud)
+    energy, target = energy_of(observation, cloud), target_of(observation)
+    train, held_out = observation.split(options.every)
+    stage = _Stage(energy.frames(train), target.frames(train), checkpoints, _key(observation, options), progress)
+    rest = np.repeat(cloud.x[None], len(train), axis=0)
+    mu = guess_modulus(stage.energy, stage.target)
+    homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous)
+    field_start = homogeneous.state.y
+    learnt = stage.run("field", field_start, float(homogeneous.lame.mu[0]), options.fit)
+    obj = _object(observation, cloud, learnt, options)
+    return Identification(
+        object=obj, fit=learnt, homogeneous=homogeneous,
+        model=_everywhere(energy, target, learnt, train), baseline=_everywhere(energy, target, homogeneous, train),
+        rest=unmoved(cloud.x, target), train=train, held_out=held_out,
+        gradient_error=check_gradient(stage.energy, stage.target, learnt), seconds=time.perf_counter() - began,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What the fits of one identification share."""
+
+    energy: Energy
+    target: Target
+    folder: Path | None
+    key: str
+    progress: Progress | None
+
+    def run(self, name: str, start: np.ndarray, mu: float, options: FitOptions) -> Fit:
+        path = self.folder / f"checkpoint_{name}.npz" if self.folder else None
+        state = read_state(path, self.key) if path else None
+
+        def after(state: FitState) -> None:
+            if path:
+                write_state(path, self.key, state)
+            if self.progress:
+                self.progress(name, state)
+
+        return fit(self.energy, self.target, start, mu=mu, options=options, state=state, progress=after)
+
+
+def _everywhere(energy: Energy, target: Target, result: Fit, train: np.ndarray) -> Evaluation:
+    """The fitted material on every frame; held-out frames start from the nearest training frame's solution."""
+    m = np.stack([result.lame.mu, result.lame.lam], axis=1)
+    frames = np.arange(len(target.y))
+    near = np.abs(train[None] - frames[:, None]).argmin(axis=1)
+    solved = solve_sequence(energy.with_elastic(energy.elastic.with_parameters(m)), result.equilibrium.y[near])
+    return judged(solved, target)
+
+
+def _object(observation: Observation, cloud: RestCloud, result: Fit, options: IdentifyOptions) -> VirtualElasticObject:
+    return VirtualElasticObject(
+        x=cloud.x, lame=result.lame, volume=cloud.volume, fixed=observation.fixed, surface=cloud.surface,
+        determined=result.determined, mass=observation.mass, gravity=observation.gravity,
+        force_scale_known=observation.force_scale_known, options=options.cloud, name=observation.name,
+    )  # fmt: skip
+
+
+def _key(observation: Observation, options: IdentifyOptions) -> str:
+    """A fingerprint of everything the result depends on."""
+    digest = hashlib.sha256(repr(asdict(options)).encode())
+    for array in (observation.points, observation.forces, observation.fixed, observation.observed, observation.handles):
+        digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _table(part: Evaluation, frames: np.ndarray) -> dict[str, float] | None:
+    if not len(frames) or not part.target.seen[frames].any():
+        return None
+    table = part.table(frames)
+    return {"mean": table.mean_mm, "p95": table.p95_mm, "max": table.max_mm}
+
+
+def _or_none(number: Callable[[np.ndarray], float], frames: np.ndarray) -> float | None:
+    return number(frames) if len(frames) else None
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
