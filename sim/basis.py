@@ -25,7 +25,7 @@ class FitOptions:
     ratio_sd: float = 0.5
     ratio_field_sd: float = 0.2
     iterations: int = 12
-    gain: float = 2e-3
+    gain: float = 5e-3
     step: float = 1.5
     newton: NewtonOptions = field(default_factory=lambda: NewtonOptions(tolerance=1e-5))
 
@@ -60,7 +60,11 @@ class Basis:
         log_mu = np.concatenate([ones, none, soft, np.zeros_like(ratio)], axis=1)
         log_ratio = np.concatenate([none, ones, np.zeros_like(soft), ratio], axis=1)
         return cls(
-            log_mu=log_mu, log_ratio=log_ratio, field=field_modes, options=options, centre=float(np.log(mu)),
+            log_mu=log_mu,
+            log_ratio=log_ratio,
+            field=field_modes,
+            options=options,
+            centre=float(np.log(mu)),
             spacing=cloud.spacing,
         )
 

@@ -1,6 +1,6 @@
 """The rest cloud: neighbours, gradient vectors and volumes, computed once and used by every solve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,11 +10,12 @@ from scipy.spatial import cKDTree
 
 from sim.checks import as_array, require, some
 from sim.consistency import corrected_gradients
-from sim.hull import solid
+from sim.hull import Hull
 
 _THIN = 2e-2  # smallest over largest moment of a neighbourhood: below it, neighbours off its plane are sought
 _FLAT = 1e-3  # below it a neighbourhood says nothing about one direction
 _CANDIDATES = 24
+_DEFAULTS = {"consistent": (8, 1.0), "paper": (6, 0.0)}  # neighbours, stabilisation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,22 +23,24 @@ class CloudOptions:
     """How the cloud is discretised.
 
     mode "consistent" corrects the gradient vectors so that the scheme passes the patch test; "paper" is the plain
-    weighted least-squares scheme, about twice too soft. stabilisation is c in
+    weighted least-squares scheme. neighbours None takes 8 in consistent mode (with the paper's 6, parts a few
+    points thick come out up to a third too stiff) and 6 in paper mode. stabilisation is c in
     `c mu V / (2 h^2) sum_j w_j |y_ij - F x_ij|^2`; None takes 1 in consistent and 0 in paper mode.
     """
 
-    neighbours: int = 6
+    neighbours: int | None = None
     mode: Literal["consistent", "paper"] = "consistent"
     stabilisation: float | None = None
 
     def __post_init__(self) -> None:
+        require(self.mode in _DEFAULTS, "mode", "be 'consistent' or 'paper'", repr(self.mode))
+        neighbours, stabilisation = _DEFAULTS[self.mode]
+        if self.neighbours is None:
+            object.__setattr__(self, "neighbours", neighbours)
+        if self.stabilisation is None:
+            object.__setattr__(self, "stabilisation", stabilisation)
         require(self.neighbours >= 4, "neighbours", "be at least 4", self.neighbours)
-        require(self.mode in ("consistent", "paper"), "mode", "be 'consistent' or 'paper'", repr(self.mode))
-
-    @property
-    def c(self) -> float:
-        """The stabilisation factor in force."""
-        return self.stabilisation if self.stabilisation is not None else float(self.mode == "consistent")
+        require(self.stabilisation >= 0, "stabilisation", "not be negative", self.stabilisation)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,6 +63,7 @@ class RestCloud:
     incident_start: np.ndarray  # (N + 1,) int32, where each point's incident edges begin
     incident_point: np.ndarray  # (N k,) int32, the edge's owner i
     incident_slot: np.ndarray  # (N k,) int32, its slot among i's neighbours
+    hull: Hull
     options: CloudOptions
 
     @classmethod
@@ -81,21 +85,25 @@ class RestCloud:
         x = as_array("x", x, (None, 3))
         require(len(x) > options.neighbours, "x", f"hold more than {options.neighbours} points", len(x))
         neighbours, reach = _neighbourhoods(x, options.neighbours)
-        arms = x[neighbours] - x[:, None]
-        weights = _weights(arms)
-        shape = solid(x, reach)
-        volume = _point_volumes(volume, shape.volume, reach)
-        area = shape.area * (volume.sum() / shape.volume.sum() if shape.volume.sum() > 0 else 0.0)
-        gradients = _least_squares_gradients(arms, weights)
-        if options.mode == "consistent":
-            gradients = corrected_gradients(gradients, arms, neighbours, volume, area, shape.volume > 0)
+        hull = Hull.of(x, reach)
+        volume = _point_volumes(volume, hull.volume(x), reach)
         start, point, slot = _incident(neighbours)
         return cls(
-            x=x, neighbours=neighbours, weights=weights, arms=arms, gradients=gradients, volume=volume, area=area,
-            surface=shape.surface if surface is None else as_array("surface", surface, (len(x),), bool),
-            reach=reach, island=_islands(neighbours), incident_start=start, incident_point=point, incident_slot=slot,
+            x=x, neighbours=neighbours, volume=volume, reach=reach, hull=hull,
+            **_geometry(x, neighbours, volume, hull, options),
+            surface=hull.surface(len(x)) if surface is None else as_array("surface", surface, (len(x),), bool),
+            island=_islands(neighbours), incident_start=start, incident_point=point, incident_slot=slot,
             options=options,
         )  # fmt: skip
+
+    def moved(self, x: np.ndarray) -> "RestCloud":
+        """The cloud of the same object at rest with its points at x (N, 3) [m]: same neighbours, same tetrahedra."""
+        before = self.hull.volume(self.x)
+        ratio = np.divide(self.hull.volume(x), before, out=np.ones_like(before), where=before > 0)
+        volume = self.volume * ratio
+        reach = np.linalg.norm(x[self.neighbours] - x[:, None], axis=2).mean(axis=1)
+        parts = _geometry(x, self.neighbours, volume, self.hull, self.options)
+        return replace(self, x=x, volume=volume, reach=reach, **parts)
 
     @property
     def count(self) -> int:
@@ -154,6 +162,19 @@ def _widened(arms: np.ndarray, k: int, candidates: np.ndarray) -> np.ndarray:
     sides = [np.flatnonzero(side * off > 0.3) for side in (1, -1)]
     extra = [s[0] for s in sides if len(s)]
     return candidates[np.array([*range(k - len(extra)), *extra])]
+
+
+def _geometry(
+    x: np.ndarray, neighbours: np.ndarray, volume: np.ndarray, hull: Hull, options: CloudOptions
+) -> dict[str, np.ndarray]:
+    """The fields that follow from positions and topology: arms, weights, area, gradients."""
+    arms = x[neighbours] - x[:, None]
+    weights, lumped = _weights(arms), hull.volume(x)
+    area = hull.area(x) * (volume.sum() / lumped.sum() if lumped.sum() > 0 else 0.0)
+    gradients = _least_squares_gradients(arms, weights)
+    if options.mode == "consistent":
+        gradients = corrected_gradients(gradients, arms, neighbours, volume, area, lumped > 0)
+    return {"arms": arms, "weights": weights, "area": area, "gradients": gradients}
 
 
 def _weights(arms: np.ndarray) -> np.ndarray:

@@ -181,7 +181,7 @@ class Elastic:
 
     @property
     def _stabilisation_per_modulus(self) -> np.ndarray:
-        return self.cloud.options.c * self.cloud.volume / self.cloud.reach**2
+        return self.cloud.options.stabilisation * self.cloud.volume / self.cloud.reach**2
 
     @cached_property
     def _residual(self) -> np.ndarray:

@@ -14,7 +14,11 @@ class Normal:
     A: np.ndarray
     b: np.ndarray
     c: float
-    count: int
+    count: float
+
+    def thinned(self, factor: float) -> "Normal":
+        """The same data counted as 1/factor as many: correlated residuals say less than their number."""
+        return Normal(A=self.A / factor, b=self.b / factor, c=self.c / factor, count=self.count / factor)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,9 +59,9 @@ def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8)
 def best_hyperparameters(normal: Normal, basis: Any, state: Any, sigma: float | None, floor: float) -> Any:
     """The state with the noise (where sigma is None) and the prior's length and amplitude of highest evidence.
 
-    Searched among the neighbours of the present values on a logarithmic grid, so that they move gently. The amplitude of
-    log mu stays below 1.5: a wrong model would else buy its fit with wild moduli. While the noise is below `floor`, the
-    linearisation is too far from the data to choose a prior by: only the noise is set, to the floor.
+    Searched among the neighbours of the present values on a logarithmic grid, so that they move gently. The amplitude
+    of log mu stays below 1.5: a wrong model would else buy its fit with wild moduli. While the noise is below `floor`,
+    the linearisation is too far from the data to choose a prior by: only the noise is set, to the floor.
     """
 
     def noise(length: float, amplitude: float) -> float:
@@ -72,3 +76,15 @@ def best_hyperparameters(normal: Normal, basis: Any, state: Any, sigma: float | 
     scores = [posterior(normal, basis.prior(*c), noise(*c)).evidence for c in choices]
     length, amplitude = choices[int(np.argmax(scores))]
     return replace(state, length=length, amplitude=amplitude, sigma=noise(length, amplitude))
+
+
+def design_effect(residual: np.ndarray, seen: np.ndarray, modes: np.ndarray) -> float:
+    """How many correlated residuals make one independent one (Kish's design effect), at least 1.
+
+    The energy of the residual (T, N, 3) in smooth modes (N, K) over what white residuals of the same size would have.
+    Discretisation error and tracking drift are smooth; taken for white noise, they would be fitted by the material.
+    """
+    total = (residual**2).sum() / max(3 * int(seen.sum()), 1)
+    projected = np.einsum("nk,tnc->tkc", modes, residual)
+    expected = total * np.einsum("nk,tn->tk", modes**2, seen.astype(float))
+    return float(max(1.0, (projected**2).sum() / (3 * max(expected.sum(), 1e-300))))

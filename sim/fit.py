@@ -1,4 +1,4 @@
-"""Learning the material from observed equilibria: Gauss-Newton in the modes of a smooth prior (paper "Material Reconstruction")."""
+"""Learning the material from observed equilibria by Gauss-Newton (paper "Material Reconstruction")."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
 from sim.energy import Energy
-from sim.evidence import Normal, best_hyperparameters, posterior
+from sim.evidence import Normal, best_hyperparameters, design_effect, posterior
 from sim.lame import Lame
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
@@ -84,9 +84,10 @@ def fit(
     """The most probable material given observed equilibria.
 
     energy: loads and supports; its own material is only replaced. start (T, N, 3) [m]: where the first solve begins.
-    mu [Pa]: first guess of the shear modulus. Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` by Gauss-Newton with explicit
-    sensitivities; the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so
-    the field becomes no rougher than the noise allows. `progress` sees the state after every step; pass a state back in
+    mu [Pa]: first guess of the shear modulus. Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a
+    smooth field, with explicit sensitivities; the prior's length and amplitude and, where unknown, the noise maximise
+    the linearised evidence, so the field becomes no rougher than the noise allows. `progress` sees the state after
+    every step; pass a state back in
     to resume.
     """
     options = options or FitOptions()
@@ -99,7 +100,9 @@ def fit(
         state = _step(energy, target, basis, solver, state, normal)
         if progress is not None:
             progress(state)
-    return _result(energy, target, basis, solver, state, normal or normal_equations(energy, target, basis, state))
+    normal = normal or normal_equations(energy, target, basis, state)
+    factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    return _result(energy, target, basis, solver, state, normal.thinned(factor))
 
 
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
@@ -121,9 +124,7 @@ def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: LinearSolver, 
     return equilibrate(energy.with_elastic(energy.elastic.with_parameters(m)), start, options=newton, solver=solver)
 
 
-def _first_state(
-    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver
-) -> FitState:
+def _first_state(energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver) -> FitState:
     a = np.zeros(basis.log_mu.shape[1])
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
     size = float((energy.elastic.cloud.x.max(axis=0) - energy.elastic.cloud.x.min(axis=0)).max())
@@ -132,9 +133,10 @@ def _first_state(
     return replace(state, objective=(_objective(target, basis, state),))
 
 
-def _objective(target: Target, basis: Basis, state: FitState) -> float:
+def _objective(target: Target, basis: Basis, state: FitState, factor: float = 1.0) -> float:
+    """Minus the log posterior, the data counted as 1/factor as many."""
     data = (target.residual(state.y) ** 2).sum() / (2 * state.sigma**2) + target.count * np.log(state.sigma)
-    return float(data + (state.a**2 / basis.prior(state.length, state.amplitude)).sum() / 2)
+    return float(data / factor + (state.a**2 / basis.prior(state.length, state.amplitude)).sum() / 2)
 
 
 def normal_equations(energy: Energy, target: Target, basis: Basis, state: FitState) -> Normal:
@@ -158,8 +160,10 @@ def _step(
     While the residual is far above the noise the data count less (sigma is at least half the residual), which keeps
     directions that only the noise would decide from running ahead of the linearisation.
     """
+    factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    normal = normal.thinned(factor)
     state = best_hyperparameters(normal, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
-    before = _objective(target, basis, state)
+    before = _objective(target, basis, state, factor)
     change = posterior(normal, basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
     largest = max(np.abs(basis.log_mu @ change).max(), np.abs(basis.log_ratio @ change).max(), 1e-12)
     size = min(1.0, basis.options.step / largest)
@@ -167,17 +171,18 @@ def _step(
         a = state.a + size * change
         y = _solve(energy, basis.lame(a), state.y, solver, basis.options.newton)
         trial = replace(state, a=a, y=y.y)
-        after = _objective(target, basis, trial)
+        after = _objective(target, basis, trial, factor)
         if y.converged and after < before:
-            enough = before - after < basis.options.gain * target.count or len(state.objective) >= basis.options.iterations
+            enough = (
+                before - after < basis.options.gain * target.count / factor
+                or len(state.objective) >= basis.options.iterations
+            )
             return replace(trial, objective=(*state.objective, after), done=enough)
         size /= 3
     return replace(state, done=True)
 
 
-def _result(
-    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal
-) -> Fit:
+def _result(energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
     prior = basis.prior(state.length, state.amplitude)
@@ -185,11 +190,12 @@ def _result(
     variance = np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu)
     before = (basis.log_mu**2 * prior).sum(axis=1)
     steps = len(state.objective) - 1
-    reason = "reached the noise level" if steps < basis.options.iterations else "stopped at the iteration limit"
+    limit = steps >= basis.options.iterations
+    reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
         lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(variance),
         determined=np.clip(1 - variance / before, 0, 1), mean_sd=float(np.sqrt(covariance[0, 0])),
-        sentence=f"{reason} after {steps} steps; {equilibrium.sentence}",
+        sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip
 
 

@@ -40,6 +40,8 @@ class FollowerEquilibrium:
         if self.settled.all():
             return f"the forces settled in {self.iterations} solves; {self.equilibrium.sentence}"
         worst = int(self.change.argmax())
+        if np.isinf(self.change[worst]):
+            return f"the first forces have no equilibrium: {self.equilibrium.sentence}; a smaller load may help"
         return (
             f"in {int((~self.settled).sum())} of {len(self.settled)} frames the forces did not settle with the surface "
             f"in {self.iterations} solves (frame {worst} still changes by {self.change[worst]:.1e} of its force); "

@@ -6,47 +6,50 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward for a positively oriented tetrahedron
+_ALPHA = 1.25  # largest circumradius over neighbour distance: a cubic cell has 0.87, a gap of two and a half 1.25
 
 
-@dataclass(frozen=True, kw_only=True)
-class Solid:
-    """Lumped volumes (N,) [m3] and outward area vectors (N, 3) [m2] of the tetrahedra around each point.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hull:
+    """Tetrahedra (M, 4) between neighbouring points and the outward faces (B, 3) that bound them."""
 
-    An area vector is a third of the boundary faces around a point: zero inside, summing to zero, with
-    `sum_i x_i (x) area_i = volume * identity`, the divergence theorem.
-    """
+    tetrahedra: np.ndarray
+    faces: np.ndarray
 
-    volume: np.ndarray  # (N,) [m3]
-    area: np.ndarray  # (N, 3) [m2]
-    surface: np.ndarray  # (N,) bool
+    @classmethod
+    def of(cls, x: np.ndarray, reach: np.ndarray) -> "Hull":
+        """The alpha shape of points x (N, 3) [m] with neighbour distances reach (N,) [m]; empty for a flat cloud."""
+        x = x + 1e-6 * reach[:, None] * np.random.default_rng(0).standard_normal(x.shape)  # no flat cells on grids
+        try:
+            tets = Delaunay(x).simplices
+        except QhullError:
+            tets = np.zeros((0, 4), int)
+        swap = _volumes(x, tets) < 0
+        tets[swap, :2] = tets[swap, 1::-1]
+        tets = tets[_circumradii(x, tets) < _ALPHA * reach[tets].mean(axis=1)]
+        return cls(tetrahedra=tets, faces=_boundary(tets))
 
+    def volume(self, x: np.ndarray) -> np.ndarray:
+        """A quarter of the tetrahedra around each point, at positions x (N, 3): (N,) [m3]."""
+        corners = np.repeat(_volumes(x, self.tetrahedra) / 4, 4)
+        return np.bincount(self.tetrahedra.ravel(), corners, minlength=len(x))
 
-def solid(x: np.ndarray, reach: np.ndarray, alpha: float = 1.8) -> Solid:
-    """The alpha shape of points x (N, 3) [m]: Delaunay tetrahedra whose circumradius is below alpha * local reach.
+    def area(self, x: np.ndarray) -> np.ndarray:
+        """A third of the boundary faces around each point as an outward vector, at positions x: (N, 3) [m2].
 
-    reach (N,) [m] is each point's mean neighbour distance. Points that no tetrahedron keeps have zero volume and
-    count as surface; an empty shape (a flat cloud) returns zeros everywhere.
-    """
-    x = x + 1e-6 * reach[:, None] * np.random.default_rng(0).standard_normal(x.shape)  # no flat tetrahedra on grids
-    tets = _kept_tetrahedra(x, reach, alpha)
-    volume, area = np.zeros(len(x)), np.zeros((len(x), 3))
-    np.add.at(volume, tets, (_volumes(x, tets) / 4)[:, None])
-    faces = _boundary(tets)
-    vectors = 0.5 * np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
-    np.add.at(area, faces, np.repeat(vectors[:, None] / 3, 3, axis=1))
-    surface = volume == 0
-    surface[faces] = True
-    return Solid(volume=volume, area=area, surface=surface)
+        Zero inside, summing to zero, with `sum_i x_i (x) area_i = volume * identity`: the divergence theorem.
+        """
+        a, b, c = (x[self.faces[:, n]] for n in range(3))
+        third = np.repeat(np.cross(b - a, c - a) / 6, 3, axis=0)
+        columns = [np.bincount(self.faces.ravel(), third[:, n], minlength=len(x)) for n in range(3)]
+        return np.stack(columns, axis=1)
 
-
-def _kept_tetrahedra(x: np.ndarray, reach: np.ndarray, alpha: float) -> np.ndarray:
-    try:
-        tets = Delaunay(x).simplices
-    except QhullError:
-        return np.zeros((0, 4), int)
-    swap = _volumes(x, tets) < 0
-    tets[swap, :2] = tets[swap, 1::-1]
-    return tets[_circumradii(x, tets) < alpha * reach[tets].mean(axis=1)]
+    def surface(self, count: int) -> np.ndarray:
+        """The points on the boundary, or in no tetrahedron, (count,) bool."""
+        outside = np.ones(count, bool)
+        outside[self.tetrahedra] = False
+        outside[self.faces] = True
+        return outside
 
 
 def _volumes(x: np.ndarray, tets: np.ndarray) -> np.ndarray:
@@ -59,8 +62,7 @@ def _circumradii(x: np.ndarray, tets: np.ndarray) -> np.ndarray:
     a, b, c = (x[tets[:, n]] - x[tets[:, 0]] for n in (1, 2, 3))
     aa, bb, cc = ((v**2).sum(axis=1, keepdims=True) for v in (a, b, c))
     top = np.linalg.norm(aa * np.cross(b, c) + bb * np.cross(c, a) + cc * np.cross(a, b), axis=1)
-    bottom = 12 * np.abs(_volumes(x, tets))
-    return top / np.maximum(bottom, np.finfo(float).tiny)
+    return top / np.maximum(12 * np.abs(_volumes(x, tets)), np.finfo(float).tiny)
 
 
 def _boundary(tets: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from sim.checks import require
 from sim.cloud import RestCloud
+from sim.hull import Hull
 
 _PER_POINT = ("x", "weights", "arms", "gradients", "volume", "area", "surface", "reach", "incident_slot")
 
@@ -23,8 +24,13 @@ def join_clouds(*clouds: RestCloud) -> RestCloud:
     edges = [0, *accumulate(c.neighbours.size for c in clouds)]
     islands = [0, *accumulate(int(c.island.max()) + 1 for c in clouds)]
     first = np.concatenate([c.incident_start[:-1] + n for c, n in zip(clouds, edges, strict=False)] + [edges[-1:]])
+    hull = Hull(
+        tetrahedra=np.concatenate([c.hull.tetrahedra + n for c, n in zip(clouds, starts, strict=False)]),
+        faces=np.concatenate([c.hull.faces + n for c, n in zip(clouds, starts, strict=False)]),
+    )
     return RestCloud(
-        **arrays, options=options, incident_start=first.astype(np.int32), island=_shifted(clouds, "island", islands),
+        hull=hull, **arrays, options=options, incident_start=first.astype(np.int32),
+        island=_shifted(clouds, "island", islands),
         neighbours=_shifted(clouds, "neighbours", starts), incident_point=_shifted(clouds, "incident_point", starts),
     )  # fmt: skip
 

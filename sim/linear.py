@@ -27,7 +27,7 @@ class Preconditioner(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Solve:
-    """Result of a batched solve: x (T, N, 3), iterations (T,), converged (T,), curved (T,): a direction with p.Hp <= 0."""
+    """A batched solve: x (T, N, 3), iterations, converged and curved (a direction with p.Hp <= 0), (T,) each."""
 
     x: np.ndarray
     iterations: np.ndarray
@@ -104,7 +104,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectFactors:
-    """One sparse factorisation per frame (SuperLU): exact where the tangent is its own, a strong preconditioner nearby."""
+    """One sparse factorisation per frame (SuperLU): the inverse of its own tangent, a strong preconditioner nearby."""
 
     factors: tuple[SuperLU, ...]
 
@@ -131,7 +131,9 @@ class DirectFactors:
     def many(self, right: np.ndarray) -> np.ndarray:
         """H^-1 of several right-hand sides at once, (T, K, N, 3)."""
         with serial_blas(), ThreadPoolExecutor(2) as pool:
-            solved = pool.map(lambda f, v: f.solve(v.reshape(len(v), -1).T.copy()).T.reshape(v.shape), self.factors, right)
+            solved = pool.map(
+                lambda f, v: f.solve(v.reshape(len(v), -1).T.copy()).T.reshape(v.shape), self.factors, right
+            )
             return np.stack(list(solved))
 
     def frames(self, index: np.ndarray) -> "DirectFactors":

@@ -96,7 +96,7 @@ class LinearSolver:
 
     @classmethod
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
-        """"auto" factorises small clouds and takes the two-level preconditioner for the others."""
+        """ "auto" factorises small clouds and takes the two-level preconditioner for the others."""
         cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
         direct = linear == "direct" or (linear == "auto" and cloud.count <= _SMALL)
         aggregates = Aggregates.of(cloud, pattern, energy.fixed)
@@ -207,7 +207,9 @@ def _search(energy: Energy, state: _State, active: np.ndarray, direction: np.nda
         safe = trial.smallest > 0.05 * np.minimum(1.0, old.smallest)
         rounding = 1e-12 * np.abs(old.energy)
         lower = trial.energy <= old.energy + 1e-4 * size[index] * slope[index]
-        flat = (np.abs(trial.energy - old.energy) <= rounding) & (trial.residual * trial.scale < old.residual * old.scale)
+        flat = (np.abs(trial.energy - old.energy) <= rounding) & (
+            trial.residual * trial.scale < old.residual * old.scale
+        )
         good = safe & (lower | flat)
         state.accept(active[index[good]], trial.frames(np.flatnonzero(good)))
         waiting[index[good]] = False

@@ -11,7 +11,7 @@ from sim.cloud import RestCloud
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FieldModes:
-    """The smoothest modes of a cloud: eigenvectors of its graph Laplacian, orthonormal in volume, the first constant."""
+    """The smoothest modes of a cloud: eigenvectors of its graph Laplacian, orthonormal in volume, first constant."""
 
     modes: np.ndarray  # (N, K), volume-mean of each mode's square is 1
     eigenvalues: np.ndarray  # (K,) [1/m2]

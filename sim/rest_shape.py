@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.checks import as_array, require
-from sim.cloud import RestCloud, _least_squares_gradients, _weights
-from sim.consistency import corrected_gradients
+from sim.cloud import RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.fixed_point import MixingOptions, fixed_point
-from sim.hull import _boundary, _kept_tetrahedra, _volumes
 from sim.lame import Lame
 from sim.newton import LinearSolver, NewtonOptions, Status, equilibrate
 from sim.terms.loads import AppliedForce
@@ -36,48 +34,9 @@ class RestShape:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """A cloud with its topology held, so that it moves smoothly with its points: same neighbours, same tetrahedra."""
-
-    cloud: RestCloud
-    tets: np.ndarray  # (M, 4)
-    faces: np.ndarray  # (L, 3) outward
-
-    @classmethod
-    def of(cls, cloud: RestCloud) -> "Motion":
-        """The tetrahedra of the cloud as it is."""
-        jitter = np.random.default_rng(0).standard_normal(cloud.x.shape)
-        tets = _kept_tetrahedra(cloud.x + 1e-6 * cloud.reach[:, None] * jitter, cloud.reach, 1.8)
-        return cls(cloud=cloud, tets=tets, faces=_boundary(tets))
-
-    def at(self, x: np.ndarray) -> RestCloud:
-        """The cloud of the same object with its points at x (N, 3) [m]: volumes and areas change with it."""
-        c = self.cloud
-        arms = x[c.neighbours] - x[:, None]
-        weights, lumped, before = _weights(arms), self._lumped(x), self._lumped(c.x)
-        some = before > 0
-        volume = c.volume * np.divide(lumped, before, out=np.ones_like(before), where=some)
-        area = self._areas(x) * (volume.sum() / lumped.sum() if lumped.sum() > 0 else 0.0)
-        gradients = _least_squares_gradients(arms, weights)
-        if c.options.mode == "consistent":
-            gradients = corrected_gradients(gradients, arms, c.neighbours, volume, area, some)
-        reach = np.linalg.norm(arms, axis=2).mean(axis=1)
-        return replace(c, x=x, arms=arms, weights=weights, gradients=gradients, volume=volume, area=area, reach=reach)
-
-    def upright(self, x: np.ndarray) -> bool:
-        """Whether no tetrahedron is turned inside out at x."""
-        return bool((_volumes(x, self.tets) * np.sign(_volumes(self.cloud.x, self.tets)) > 0).all())
-
-    def _lumped(self, x: np.ndarray) -> np.ndarray:
-        corners = np.repeat(_volumes(x, self.tets) / 4, 4)
-        return np.bincount(self.tets.ravel(), corners, minlength=len(x))
-
-    def _areas(self, x: np.ndarray) -> np.ndarray:
-        a, b, c = (x[self.faces[:, n]] for n in range(3))
-        third = np.repeat(np.cross(b - a, c - a) / 6, 3, axis=0)
-        columns = [np.bincount(self.faces.ravel(), third[:, n], minlength=len(x)) for n in range(3)]
-        return np.stack(columns, axis=1)
+def _upright(cloud: RestCloud, x: np.ndarray) -> bool:
+    """Whether the solid around every point keeps a volume at x (flat tetrahedra in the surface may turn over)."""
+    return bool((cloud.hull.volume(x)[cloud.hull.volume(cloud.x) > 0] > 0).all())
 
 
 def stress_free_rest(
@@ -99,13 +58,13 @@ def stress_free_rest(
     mass = as_array("mass", mass, (observed.count,))
     require(bool((mass > 0).all()), "mass", "be positive at every point", mass.min())
     weight = AppliedForce(force=mass[None, :, None] * as_array("gravity", gravity, (3,)))
-    elastic, motion, y = Elastic.neo_hookean(observed, lame), Motion.of(observed), observed.x
+    elastic, y = Elastic.neo_hookean(observed, lame), observed.x
     solver = LinearSolver.of(Energy.of(elastic, [weight], fixed), (options or NewtonOptions()).linear)
 
     def image(x: np.ndarray) -> np.ndarray:
-        if not motion.upright(x[0]):
+        if not _upright(observed, x[0]):
             return np.full_like(x, np.nan)
-        energy = Energy.of(replace(elastic, cloud=motion.at(x[0])), [weight], fixed)
+        energy = Energy.of(replace(elastic, cloud=observed.moved(x[0])), [weight], fixed)
         found = equilibrate(energy, y[None], options=options, solver=solver)
         if found.status[0] is not Status.CONVERGED:
             return np.full_like(x, np.nan)
@@ -114,7 +73,7 @@ def stress_free_rest(
     mixing = mixing or MixingOptions(tolerance=1e-6 * observed.spacing)
     found = fixed_point(image, y[None], mixing)
     return RestShape(
-        cloud=motion.at(found.x[0]),
+        cloud=observed.moved(found.x[0]),
         miss=float(found.change[0]),
         iterations=found.iterations,
         settled=bool(found.settled[0]),

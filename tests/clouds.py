@@ -42,7 +42,7 @@ def box_mesh(half: tuple) -> tuple[np.ndarray, np.ndarray]:
 
 
 def bowl_mesh() -> tuple[np.ndarray, np.ndarray]:
-    """A cube of half side 1 whose top is pushed in to a pyramid with its tip at the origin: a closed concave surface."""
+    """A cube of half side 1 whose top is pushed in to a pyramid with its tip at the origin: closed, not convex."""
     vertices, faces = box_mesh((1.0, 1.0, 1.0))
     top = np.array([1, 5, 7, 3])  # around the face z = 1
     faces = faces[~np.isin(faces, top).all(axis=1)]

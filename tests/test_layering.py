@@ -13,9 +13,9 @@ PACKAGES = ("sim", "recon", "veo_ti")
 LONGEST = 250
 
 SIM_ORDER = (
-    "runtime", "dtypes", "checks", "_open3d", "blocks", "lame", "laws", "hull", "consistency", "cloud", "pattern",
-    "elastic", "terms", "energy", "twolevel", "linear", "newton", "adjoint", "sensitivity", "prior",
-    "evidence", "fit", "dynamics",
+    "runtime", "dtypes", "checks", "_open3d", "blocks", "lame", "laws", "hull", "consistency", "cloud", "join",
+    "pattern", "elastic", "terms", "energy", "twolevel", "linear", "newton", "fixed_point", "follower", "rest_shape",
+    "adjoint", "sensitivity", "prior", "basis", "evidence", "fit",
 )
 SIM_FORBIDS = {"recon", "veo_ti", "torch", "h5py", "cv2", "pyvista", "rich", "cyclopts"}
 RECON_MAY_USE = {"sim.runtime", "sim.dtypes", "sim.checks"}

@@ -53,17 +53,19 @@ def test_turning_jet_and_surface_together_turns_the_forces():
 
 def test_frames_take_their_own_nozzle_and_pose():
     x, area = wall()
-    jet = Jet(position=np.array([[0, 0, 1.0], [0.3, 0, 1]]), direction=np.repeat(DOWN, 2, 0), force=np.array([1, 2.0]), footprint=0.1)
-    forces = jet_forces(jet, np.stack([x, x + [0.3, 0, 0]]), area)
+    position, direction = np.array([[0, 0, 1.0], [0.3, 0, 1]]), np.repeat(DOWN, 2, axis=0)
+    jet = Jet(position=position, direction=direction, force=np.array([1.0, 2.0]), footprint=0.1)
+    forces = jet_forces(jet, np.stack([x, x + np.array([0.3, 0, 0])]), area)
     np.testing.assert_allclose(forces[1], 2 * forces[0], atol=1e-15)
 
 
 def test_force_agrees_with_the_finite_element_load_on_a_box():
-    sizes, mu = (0.2, 0.1, 0.1), fem_scenes.constant(1.0)
-    body = fem.FemBody.build(fem.box_mesh((0, -0.05, -0.05), (0.2, 0.05, 0.05), (16, 8, 8)), mu, mu, lambda x: x[:, 0] < 0)
+    mesh, one = fem.box_mesh((0, -0.05, -0.05), (0.2, 0.05, 0.05), (16, 8, 8)), fem_scenes.constant(1.0)
+    body = fem.FemBody.build(mesh, one, one, lambda x: x[:, 0] < 0)
     aim = np.array([[0.6, 0.0, -0.8]])
-    blown = fem_scenes.Jet(position=np.array([[0.1, 0, 0.05]]) - 0.2 * aim, direction=aim, pressure=np.array([500.0]), footprint=0.02)
-    cloud = RestCloud.build(block((17, 9, 9), sizes, (0, -0.05, -0.05)))
+    position = np.array([[0.1, 0, 0.05]]) - 0.2 * aim
+    blown = fem_scenes.Jet(position=position, direction=aim, pressure=np.array([500.0]), footprint=0.02)
+    cloud = RestCloud.build(block((17, 9, 9), (0.2, 0.1, 0.1), (0, -0.05, -0.05)))
     jet = Jet(position=blown.position, direction=aim, force=blown.force, footprint=0.02)
     total = jet_forces(jet, cloud.x, cloud.area).sum(axis=1)[0]
     expected = fem.surface_load(body.basis, blown.traction(0)).sum(axis=0)

@@ -37,7 +37,7 @@ def contact(shape, rng):
 
 
 def touching_blocks():
-    """Two blocks that enter each other by up to a third of the spacing, turned so that no face is parallel to another."""
+    """Two blocks that enter each other by up to a third of the spacing, no face parallel to another."""
     corners = [(0, 0, 0), (0.3, 0.2, 1)]
     a, b = (RestCloud.build(block((4, 4, 4), (1, 1, 1), corner, seed=seed)) for seed, corner in enumerate(corners))
     cloud = join_clouds(a, b)

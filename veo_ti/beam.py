@@ -12,8 +12,19 @@ from pathlib import Path
 import numpy as np
 
 from sim.checks import require
-from veo_ti.body import Body, sample_box, tie_markers
-from veo_ti.markers import Interval, MarkedPose, ModulusFit, identify_modulus, predict_poses, refined_limit
+from sim.cloud import RestCloud
+from veo_ti.body import sample_box, tie_markers
+from veo_ti.markers import (
+    Interval,
+    MarkedPose,
+    ModulusFit,
+    carried,
+    identify_modulus,
+    placement_sd,
+    refined_limit,
+    settle,
+    slope_check,
+)
 from veo_ti.mocap import BeamTake, read_beam_take
 
 SIZE = (0.1, 0.03, 0.03)  # [m]
@@ -25,7 +36,7 @@ PUBLISHED = 263_824.0  # [Pa] the authors' fit, nu .499
 PUBLISHED_DROP_MM = {"gravity": -6.75, "load52": -16.84}  # their model's static tip drop
 TIP, BASE = slice(0, 3), slice(3, 6)  # markers
 SETTLED = 100  # last frames: one second
-COUNTS = (1000, 2000, 4000)
+CLOUDS = {1000: 4, 2000: 2, 4000: 1}  # points -> random clouds of that many; coarse ones scatter by 2 %
 
 PLACEMENT = 1e-3  # [m] sd of a marker's place on the beam: a rigid fit leaves 0.3 to 2 mm
 STRAIGHTNESS = 0.3e-3  # [m] sd of the held tip's height: the tip markers' misfit over root 3
@@ -84,24 +95,25 @@ def read_settled(folder: str | Path) -> dict[str, SettledTake]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BeamModel:
-    """The straight beam as points, with its clamp and loads."""
+    """The straight beam as a cloud, with its clamp and its loads."""
 
-    body: Body
+    cloud: RestCloud
 
     @classmethod
     def of(cls, count: int, seed: int = 0) -> "BeamModel":
         """A beam of `count` points."""
-        return cls(body=sample_box(SIZE, count, corner=CORNER, seed=seed))
+        body = sample_box(SIZE, count, corner=CORNER, seed=seed)
+        return cls(cloud=RestCloud.build(body.x, volume=body.volume, surface=body.surface))
 
     @property
     def fixed(self) -> np.ndarray:
         """The clamped face, (N,) bool."""
-        return self.body.x[:, 0] <= CORNER[0] + 1e-9
+        return self.cloud.x[:, 0] <= CORNER[0] + 1e-9
 
     def force(self, load: float) -> np.ndarray:
         """Gravity on every point and a weight [N] spread evenly along the upper tip edge, (N, 3) [N]."""
-        x, out = self.body.x, np.zeros_like(self.body.x)
-        out[:, 2] = -DENSITY * GRAVITY * self.body.volume
+        x, out = self.cloud.x, np.zeros_like(self.cloud.x)
+        out[:, 2] = -DENSITY * GRAVITY * self.cloud.volume
         edge = np.flatnonzero((x[:, 0] >= -1e-9) & (x[:, 2] >= SIZE[2] - 1e-9))
         edge = edge[np.argsort(x[edge, 1])]
         half = np.diff(x[edge, 1]) / 2
@@ -110,7 +122,7 @@ class BeamModel:
 
     def pose(self, take: SettledTake) -> MarkedPose:
         """A take's pose with its markers tied where they sat on the straight beam."""
-        ties = tie_markers(self.body.x, take.held)
+        ties = tie_markers(self.cloud.x, take.held)
         return MarkedPose(force=self.force(take.load), ties=ties, displacement=take.displacement)
 
     def fit(
@@ -118,15 +130,23 @@ class BeamModel:
     ) -> ModulusFit:
         """One modulus for the takes."""
         poses = [self.pose(take) for take in takes]
-        return identify_modulus(self.body, poses, fixed=self.fixed, poisson=poisson, start=start)
+        return identify_modulus(self.cloud, poses, fixed=self.fixed, poisson=poisson, start=start)
 
-    def drops_mm(self, takes: Sequence[SettledTake], fit: ModulusFit, start: Mapping[str, np.ndarray]) -> dict[str, float]:
-        """Predicted mean tip drop [mm] of each take at the fitted modulus; start: a state (N, 3) for each loading."""
-        poses, first = [self.pose(take) for take in takes], np.stack([start[take.kind] for take in takes])
-        moved = predict_poses(
-            self.body, poses, fixed=self.fixed, young=fit.young, poisson=fit.poisson, start=first
-        )
-        return {take.name: 1e3 * float(u[:, 2].mean()) for take, u in zip(takes, moved, strict=True)}
+    def predict(self, takes: Sequence[SettledTake], fit: ModulusFit, start: Mapping[float, np.ndarray]) -> np.ndarray:
+        """Marker displacements (T, 3, 3) [m] of takes at the fitted modulus; start: load [N] -> state (N, 3) [m]."""
+        force, first = np.stack([self.force(load) for load in start]), np.stack(list(start.values()))
+        y = settle(self.cloud, force, fixed=self.fixed, young=fit.young, poisson=fit.poisson, start=first)
+        state = dict(zip(start, y, strict=True))
+        return carried([self.pose(take) for take in takes], np.stack([state[t.load] for t in takes]) - self.cloud.x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudFit:
+    """The joint fit on one cloud."""
+
+    points: int
+    spacing: float  # [m]
+    young: float  # [Pa]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,13 +154,14 @@ class BeamResult:
     """The beam's modulus, how it came about, and what it predicts for takes it has not seen."""
 
     takes: Mapping[str, SettledTake]
+    train: tuple[str, ...]  # names of the takes that `joint` was fitted to
     model: BeamModel  # the finest
+    joint: ModulusFit  # on the finest cloud
     young: Interval  # [Pa], at zero spacing
-    refinement: Mapping[int, tuple[float, float]]  # points -> spacing [m], E [Pa] of the joint fit
-    joint: ModulusFit  # of the training takes, on the finest cloud
-    train: tuple[str, ...]
-    single: Mapping[str, float]  # E [Pa] of each take alone on the finest cloud
-    drops_mm: Mapping[str, Mapping[str, float]]  # fitted to -> take -> predicted tip drop [mm]
+    refinement: tuple[CloudFit, ...]  # coarsest first
+    single: Mapping[str, float]  # E [Pa] of each take alone, on the finest cloud
+    predicted: Mapping[str, Mapping[str, np.ndarray]]  # fitted to -> take -> marker displacements (3, 3) [m]
+    slope_error: float  # of the sensitivity against finite differences, on the coarsest cloud
     seconds: float
 
     @property
@@ -150,41 +171,48 @@ class BeamResult:
 
 
 def identify_beam(
-    takes: Mapping[str, SettledTake], *, counts: Sequence[int] = COUNTS, poisson: float = POISSON
+    takes: Mapping[str, SettledTake], *, clouds: Mapping[int, int] = CLOUDS, poisson: float = POISSON
 ) -> BeamResult:
-    """Fit the `a` takes together on clouds of growing size, then each take alone, and predict across takes and loads."""
+    """Fit the `a` takes together on ever finer clouds, then each take alone, and predict across takes and loads.
+
+    clouds: points -> how many random clouds of that many points.
+    """
     began = time.perf_counter()
     train = tuple(name for name in takes if name.endswith("_a")) or tuple(takes)
-    used, refinement = [takes[name] for name in train], {}
-    for count in sorted(counts):
-        model = BeamModel.of(count)
+    used, refinement = [takes[name] for name in train], []
+    for count, seed in [(n, seed) for n in sorted(clouds) for seed in range(clouds[n])]:
+        model = BeamModel.of(count, seed)
         joint = model.fit(used, poisson)
-        refinement[count] = (model.body.spacing, joint.young)
-    states = {take.kind: y for take, y in zip(used, joint.y, strict=True)}
-    known = [take for take in takes.values() if take.kind in states]
-    fits = {take.name: model.fit([take], poisson, (joint.young, states[take.kind][None])) for take in known}
-    limit, discretisation = refined_limit(*zip(*refinement.values(), strict=True))
-    parts = _parts(joint, fits, train) | {"discretisation": discretisation}
-    chosen = {"both a takes": joint} | {name: fits[name] for name in train}
+        if not refinement:
+            slope_error = slope_check(model.cloud, [model.pose(take) for take in used], joint, model.fixed)
+        refinement.append(CloudFit(points=count, spacing=model.cloud.spacing, young=joint.young))
+    states = {take.load: y for take, y in zip(used, joint.y, strict=True)}
+    known = [take for take in takes.values() if take.load in states]
+    fits = {take.name: model.fit([take], poisson, (joint.young, states[take.load][None])) for take in known}
+    limit, discretisation = refined_limit([c.spacing for c in refinement], [c.young for c in refinement])
+    parts = _parts(model, used, joint, fits) | {"discretisation": discretisation}
+    predicted = {
+        name: dict(zip([take.name for take in known], model.predict(known, fit, states), strict=True))
+        for name, fit in ({"all": joint} | {name: fits[name] for name in train}).items()
+    }
     return BeamResult(
-        takes=takes, model=model, young=Interval(value=limit, parts=parts), refinement=refinement, joint=joint,
-        train=train, single={name: fit.young for name, fit in fits.items()},
-        drops_mm={name: model.drops_mm(known, fit, states) for name, fit in chosen.items()},
-        seconds=time.perf_counter() - began,
+        takes=takes, train=train, model=model, joint=joint, young=Interval(value=limit, parts=parts),
+        refinement=tuple(refinement), single={name: fit.young for name, fit in fits.items()}, predicted=predicted,
+        slope_error=slope_error, seconds=time.perf_counter() - began,
     )  # fmt: skip
 
 
-def _parts(joint: ModulusFit, fits: Mapping[str, ModulusFit], train: Sequence[str]) -> dict[str, float]:
+def _parts(
+    model: BeamModel, used: Sequence[SettledTake], joint: ModulusFit, fits: Mapping[str, ModulusFit]
+) -> dict[str, float]:
     """Relative standard uncertainties of E other than the discretisation's."""
     log_young = {name: float(np.log(fit.young)) for name, fit in fits.items()}
-    repeats = [log_young[n] - log_young[n[:-2] + "_b"] for n in train if n[:-2] + "_b" in log_young]
-    alone = [log_young[name] for name in train]
-    lever = joint.predicted[..., 0] * 0 + SIZE[0]
-    tilt = np.stack([0 * lever, 0 * lever, -PITCH * lever], axis=-1)
+    pairs = [(take.name, take.name[:-2] + "_b") for take in used]
+    repeats = [log_young[a] - log_young[b] for a, b in pairs if a != b and b in log_young]
     return {
         "repeats": float(np.sqrt(np.mean(np.square(repeats)) / 2)) if repeats else 0.0,
-        "between loads": float(np.ptp(alone) / 2),
-        "marker placement": _placement(joint),
+        "between loads": float(np.ptp([log_young[take.name] for take in used]) / 2),
+        "marker placement": placement_sd(model.cloud, [model.pose(take) for take in used], joint, PLACEMENT),
         "straightness when held": abs(joint.influence(np.array([0, 0, STRAIGHTNESS]))),
-        "tilt of the base": abs(joint.influence(tilt)),
+        "tilt of the base": abs(joint.influence(np.array([0, 0, PITCH * SIZE[0]]))),
     }

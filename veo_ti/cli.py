@@ -11,6 +11,7 @@ app = App(
     name="veo",
     help="Virtual elastic objects: tracked points and known forces in, per-point material out.",
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 
 
@@ -75,8 +76,8 @@ def simulate(
     out: folder for the results.
     force: "fx,fy,fz@x,y,z,radius" in N and m: a force spread over the surface around a place.
     gravity: "gx,gy,gz" in m/s2, instead of the rest pose's.
-    contact: "plane:x,y,z,nx,ny,nz", "sphere:x,y,z,r", "capsule:x,y,z,ax,ay,az,r", "box:x,y,z,hx,hy,hz" or "mesh:FILE"; add
-        "@dx,dy,dz" to have it move that far over the steps.
+    contact: "plane:x,y,z,nx,ny,nz", "sphere:x,y,z,r", "capsule:x,y,z,ax,ay,az,r", "box:x,y,z,hx,hy,hz" or "mesh:FILE";
+        add "@dx,dy,dz" to have it move that far over the steps.
     steps: frames over which the loads grow to their full size.
     """
     from veo_ti.commands import simulate_object

@@ -14,8 +14,8 @@ from sim.cloud import CloudOptions
 from sim.fit import FitState
 from sim.terms.base import Term
 from sim.terms.contact import Contact, contact_alpha
-from veo_ti.evaluate import evaluate
-from veo_ti.identify import IdentifyOptions, identify
+from veo_ti.evaluation import evaluate
+from veo_ti.identification import IdentifyOptions, identify
 from veo_ti.interact import collider_of, force_of, vector
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
@@ -117,7 +117,7 @@ def render_object(path: Path, out: Path) -> list[Path]:
     obj = VirtualElasticObject.load(path)
     pictures = [
         save_picture(lame_map(obj.x, obj.lame.mu, title="Shear modulus mu"), out / "mu.png"),
-        save_picture(lame_map(obj.x, obj.lame.mu, inside=True, title="Shear modulus mu, inside"), out / "mu_inside.png"),
+        save_picture(lame_map(obj.x, obj.lame.mu, inside=True, title="mu, cut open"), out / "mu_inside.png"),
         save_picture(lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam"), out / "lam.png"),
         save_picture(sensitivity_map(obj.x, obj.static["sensitivity"]), out / "sensitivity.png"),
         turntable(obj.x, obj.lame.mu / 1e3, out / "mu.mp4", label="kPa", title="Shear modulus mu", log=True),

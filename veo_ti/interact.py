@@ -36,10 +36,10 @@ _COLLIDERS = {
 
 
 def collider_of(text: str, ramp: np.ndarray) -> tuple[Shape, np.ndarray]:
-    """A shape and its positions (T, 3) [m] from "kind:numbers", or "mesh:FILE", either with "@dx,dy,dz": how far it moves.
+    """A shape and its positions (T, 3) [m] from "kind:numbers" or "mesh:FILE", with "@dx,dy,dz" for how far it moves.
 
-    The first three numbers place it; then a plane's normal, a sphere's radius, a capsule's half axis and radius, a box's
-    half sizes. ramp (T,) goes from 0 to 1 as the shape moves. Raises ValueError for any other form.
+    The first three numbers place it; then a plane's normal, a sphere's radius, a capsule's half axis and radius, or a
+    box's half sizes. ramp (T,) goes from 0 to 1 as the shape moves. Raises ValueError for any other form.
     """
     where, _, motion = text.partition("@")
     kind, _, rest = where.partition(":")

@@ -1,7 +1,7 @@
 """Young's modulus of a body from settled poses under known loads, seen through markers that ride on it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,11 +10,10 @@ from sim.cloud import RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.lame import Lame
-from sim.linear import DirectFactors, Layout
-from sim.newton import NewtonOptions, equilibrate
-from sim.sensitivity import sensitivities
+from sim.linear import conjugate_gradients
+from sim.newton import LinearSolver, NewtonOptions, equilibrate
 from sim.terms.loads import AppliedForce
-from veo_ti.body import Body, MarkerTies
+from veo_ti.body import MarkerTies, tie_markers
 
 NEWTON = NewtonOptions(tolerance=1e-6)
 STEPS = 15
@@ -82,7 +81,7 @@ class Interval:
 
 
 def identify_modulus(
-    body: Body,
+    cloud: RestCloud,
     poses: Sequence[MarkedPose],
     *,
     fixed: np.ndarray,
@@ -91,35 +90,35 @@ def identify_modulus(
 ) -> ModulusFit:
     """The Young's modulus whose equilibria move the markers as measured, in least squares, at a fixed Poisson's ratio.
 
-    Gauss-Newton in log E with the exact sensitivity of the equilibrium. The body's own shape is the stress-free one, so
-    gravity belongs among the loads. fixed: (N,) bool. start: E [Pa] and (T, N, 3) [m] of an earlier fit of the same
+    Gauss-Newton in log E with the exact sensitivity of the equilibrium. The cloud is the stress-free shape, so gravity
+    belongs among the loads. fixed: (N,) bool. start: E [Pa] and positions (T, N, 3) [m] of an earlier fit of the same
     loads; default the linear response. Raises ValueError for poses that do not fit together, NotConverged when an
     equilibrium is not found, RuntimeError when the fit does not settle.
     """
-    measured, energy = _problem(body, poses, fixed, poisson)
-    young, y = start or (_first_guess(energy, poses, measured), np.repeat(body.x[None], len(poses), axis=0))
+    measured, energy = _measured(poses), _energy(cloud, [pose.force for pose in poses], fixed, poisson)
+    young, y = start or (_first_guess(energy, poses, measured), np.repeat(cloud.x[None], len(poses), axis=0))
+    solver = LinearSolver.of(energy)
     for step in range(1, STEPS + 1):
-        scaled = energy.with_elastic(energy.elastic.with_parameters(energy.elastic.m * young))
-        y = equilibrate(scaled, y, options=NEWTON).require_converged().y
-        motion = np.stack([S[0] for S in sensitivities(scaled, y, scaled.elastic.m[None])])
-        predicted, slope = carried(poses, y - body.x), carried(poses, motion)
+        scaled = _of_modulus(energy, young)
+        y = equilibrate(scaled, y, options=NEWTON, solver=solver).require_converged().y
+        motion = _response(scaled, y, -scaled.elastic.gradient(y), solver)  # the energy is linear in E
+        predicted, slope = carried(poses, y - cloud.x), carried(poses, motion)
         change = float((slope * (measured - predicted)).sum() / (slope**2).sum())
         if abs(change) < SMALL:
             return ModulusFit(
                 young=young, poisson=poisson, y=y, predicted=predicted, measured=measured, slope=slope, steps=step
             )
         change = float(np.clip(change, -CAUTION, CAUTION))
-        young, y = young * np.exp(change), y + change * motion if abs(change) < NEAR else y
-    raise RuntimeError(f"Young's modulus did not settle in {STEPS} steps; the last change was {change:.1e}")
+        young, y = young * float(np.exp(change)), y + change * motion if abs(change) < NEAR else y
+    raise RuntimeError(f"log E did not settle in {STEPS} steps; its last change was {change:.1e}")
 
 
-def predict_poses(
-    body: Body, poses: Sequence[MarkedPose], *, fixed: np.ndarray, young: float, poisson: float, start: np.ndarray
+def settle(
+    cloud: RestCloud, force: np.ndarray, *, fixed: np.ndarray, young: float, poisson: float, start: np.ndarray
 ) -> np.ndarray:
-    """Marker displacements (T, M, 3) [m] of a body of known modulus, solved from start (T, N, 3) [m]."""
-    _, energy = _problem(body, poses, fixed, poisson)
-    scaled = energy.with_elastic(energy.elastic.with_parameters(energy.elastic.m * young))
-    return carried(poses, equilibrate(scaled, start, options=NEWTON).require_converged().y - body.x)
+    """Equilibria (T, N, 3) [m] of a body of known modulus under forces (T, N, 3) [N], solved from start (T, N, 3)."""
+    energy = _of_modulus(_energy(cloud, force, fixed, poisson), young)
+    return equilibrate(energy, start, options=NEWTON).require_converged().y
 
 
 def carried(poses: Sequence[MarkedPose], u: np.ndarray) -> np.ndarray:
@@ -135,27 +134,66 @@ def refined_limit(spacing: Sequence[float], young: Sequence[float]) -> tuple[flo
     """
     h, log_young = as_array("spacing", spacing, (None,)), np.log(as_array("young", young, (None,)))
     require(len(h) >= 2, "spacing", "be of at least two clouds", len(h))
-    slope, limit = np.polyfit(h**2, log_young, 1)
+    _, limit = np.polyfit(h**2, log_young, 1)
     return float(np.exp(limit)), float(abs(log_young[h.argmin()] - limit) / 2)
 
 
-def _problem(body: Body, poses: Sequence[MarkedPose], fixed: np.ndarray, poisson: float) -> tuple[np.ndarray, Energy]:
-    """The measured displacements (T, M, 3), and the energy for E = 1 Pa."""
+def placement_sd(cloud: RestCloud, poses: Sequence[MarkedPose], fit: ModulusFit, distance: float) -> float:
+    """Relative standard uncertainty of E when each coordinate of a marker's place is uncertain by `distance` [m].
+
+    A marker elsewhere on the body moves differently; one that is misplaced is so in all poses.
+    """
+    total = 0.0
+    for step in distance * np.eye(3):
+        ties = [tie_markers(cloud.x, pose.ties.positions(cloud.x) + step) for pose in poses]
+        moved = [replace(pose, ties=tie) for pose, tie in zip(poses, ties, strict=True)]
+        change = (fit.slope * (carried(moved, fit.y - cloud.x) - fit.predicted)).sum(axis=(0, 2))
+        total += float((change**2).sum())
+    return total**0.5 / float((fit.slope**2).sum())
+
+
+def slope_check(
+    cloud: RestCloud, poses: Sequence[MarkedPose], fit: ModulusFit, fixed: np.ndarray, *, step: float = 1e-2
+) -> float:
+    """Largest relative difference of the slope from central differences over `step` in log E, pose by pose."""
+    force = [pose.force for pose in poses]
+    ahead, behind = (
+        settle(cloud, force, fixed=fixed, young=fit.young * np.exp(h), poisson=fit.poisson, start=fit.y)
+        for h in (step, -step)
+    )
+    error = carried(poses, ahead - behind) / (2 * step) - fit.slope
+    return float(np.max(np.linalg.norm(error, axis=(1, 2)) / np.linalg.norm(fit.slope, axis=(1, 2))))
+
+
+def _measured(poses: Sequence[MarkedPose]) -> np.ndarray:
     require(len(poses) > 0, "poses", "hold at least one settled pose", "none")
     counts = {pose.ties.weights.shape[0] for pose in poses}
     require(len(counts) == 1, "poses", "have the same number of markers", sorted(counts))
-    measured = as_array("displacement", [pose.displacement for pose in poses], (len(poses), counts.pop(), 3))
-    force = as_array("force", [pose.force for pose in poses], (len(poses), len(body.x), 3))
-    cloud = RestCloud.build(body.x, volume=body.volume, surface=body.surface)
+    return as_array("displacement", [pose.displacement for pose in poses], (len(poses), counts.pop(), 3))
+
+
+def _energy(cloud: RestCloud, force: Sequence[np.ndarray], fixed: np.ndarray, poisson: float) -> Energy:
+    """The loaded body for E = 1 Pa."""
+    force = as_array("force", force, (None, cloud.count, 3))
     elastic = Elastic.neo_hookean(cloud, Lame.from_young(1.0, poisson))
-    return measured, Energy.of(elastic, [AppliedForce(force=force)], fixed)
+    return Energy.of(elastic, [AppliedForce(force=force)], fixed)
+
+
+def _of_modulus(energy: Energy, young: float) -> Energy:
+    return energy.with_elastic(energy.elastic.with_parameters(energy.elastic.m * young))
+
+
+def _response(energy: Energy, y: np.ndarray, force: np.ndarray, solver: LinearSolver) -> np.ndarray:
+    """H^-1 force (T, N, 3) [m] with the exact Hessian at y. Iterative, because factors of a fine cloud fill gigabytes."""
+    tangent = energy.tangent(y)
+    precondition = solver.preconditioner(tangent)
+    return conjugate_gradients(tangent.product, energy.free(force), precondition, tolerance=1e-7).x
 
 
 def _first_guess(energy: Energy, poses: Sequence[MarkedPose], measured: np.ndarray) -> float:
     """E of the linear response to the loads that comes closest to the measured displacements."""
     rest = np.repeat(energy.elastic.cloud.x[None], len(poses), axis=0)
-    factors = DirectFactors.of(energy.tangent(rest[:1]), Layout(pattern=energy.elastic.pattern))
-    u = carried(poses, factors.many(-energy.gradient(rest)[None])[0])
+    u = carried(poses, _response(energy, rest, -energy.gradient(rest), LinearSolver.of(energy)))
     along = float((u * measured).sum())
     require(along > 0, "displacement", "follow the loads", "markers that move against them")
     return float((u**2).sum()) / along

@@ -16,7 +16,7 @@ from sim.newton import Equilibrium, NewtonOptions, equilibrate
 from sim.terms.base import Term
 from sim.terms.loads import AppliedForce, gravity_change
 from veo_ti.store import Sequence as StoredSequence
-from veo_ti.store import read_sequence
+from veo_ti.store import read_sequence, write_sequence
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class VirtualElasticObject:
         return AppliedForce(force=as_array("force", force if force.ndim == 3 else force[None], (None, len(self.x), 3)))
 
     def push_at(self, place: np.ndarray, force: np.ndarray, radius: float) -> AppliedForce:
-        """A total force (3,) or (T, 3) [N] spread over the surface points around `place` (3,) [m], a Gaussian of `radius`.
+        """A total force (3,) or (T, 3) [N] on the surface around `place` (3,) [m], a Gaussian of `radius` [m].
 
         Raises ValueError when no surface point is within three radii.
         """
@@ -76,7 +76,11 @@ class VirtualElasticObject:
         return gravity_change(share, np.atleast_2d(gravity) - self.gravity)
 
     def simulate(
-        self, *terms: Term, start: np.ndarray | None = None, frames: int | None = None, options: NewtonOptions | None = None
+        self,
+        *terms: Term,
+        start: np.ndarray | None = None,
+        frames: int | None = None,
+        options: NewtonOptions | None = None,
     ) -> Equilibrium:
         """The equilibrium under the terms; as many frames as `start` (T, N, 3), `frames`, or the longest term has."""
         count = frames or max([len(getattr(t, "force", getattr(t, "targets", [0]))) for t in terms], default=1)
@@ -102,8 +106,6 @@ class VirtualElasticObject:
 
     def save(self, path: str | Path) -> Path:
         """Write the object in its rest pose as .vtkhdf."""
-        from veo_ti.store import write_sequence
-
         stored = StoredSequence(
             time=np.zeros(1), points=self.x[None], static=self.static, attributes=self.attributes
         )
@@ -111,7 +113,7 @@ class VirtualElasticObject:
 
     @staticmethod
     def load(path: str | Path) -> "VirtualElasticObject":
-        """Read an object from any .vtkhdf that `veo identify`, `veo simulate` or `save` wrote, or a folder with object.vtkhdf.
+        """Read an object from a .vtkhdf that `save` or a veo command wrote, or a folder with an object.vtkhdf.
 
         Raises ValueError in one sentence when the file is not there, damaged, or holds no object.
         """

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from veo_ti.identify import Identification
+from veo_ti.identification import Identification
 from veo_ti.observation import Observation
 from veo_ti.plots import error_over_time
 from veo_ti.report import Section, Table, write_report
@@ -70,8 +70,7 @@ def _pictures(result: Identification, observation: Observation, folder: Path) ->
         "error": error_map(obj.x, model.per_point_mm, title="Mean error of each point", up=up),
         "motion": frames_strip(
             np.stack([obj.x, model.y[shown]]), np.stack([np.zeros(len(obj.x)), error]), label="mm",
-            captions=["at rest", f"simulated, t = {observation.time[shown]:.2f} s"], title="Error at the largest motion",
-            up=up,
+            captions=["at rest", f"simulated, t = {observation.time[shown]:.2f} s"], title="Largest motion", up=up,
         ),
     }  # fmt: skip
     paths = {name: save_picture(plotter, folder / f"{name}.png") for name, plotter in drawn.items()}
@@ -112,9 +111,8 @@ def _material_section(result: Identification, metrics: dict, pictures: dict[str,
     ]  # fmt: skip
     text = "The material over the object: dark is soft, bright is stiff."
     table = Table(columns=["", "smallest", "median", "largest"], rows=rows)
-    return Section(
-        heading="The material", text=text, table=table, pictures=[pictures["mu"], pictures["lam"], pictures["turntable"]]
-    )
+    shown = [pictures[name] for name in ("mu", "lam", "turntable")]
+    return Section(heading="The material", text=text, table=table, pictures=shown)
 
 
 def _trust_section(result: Identification, metrics: dict, pictures: dict[str, Path]) -> Section:

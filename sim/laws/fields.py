@@ -28,7 +28,8 @@ class MaterialFields:
 
     The kernels are pointwise and loop-free, the one form in which Taichi's reverse mode is right. They give dpsi/dF,
     the derivative of `P : W` in F (the Hessian is symmetric, so reverse mode yields dP[W]), and in the parameters,
-    which is what the adjoint needs. A larger load makes the fields anew; `close()` frees them.
+    which is what the adjoint needs. A larger load makes the fields anew, twice as large; the old ones stay, since
+    Taichi 1.7 trips over fields placed after others were destroyed.
     """
 
     def __init__(self, law: Any, capacity: int = 1024) -> None:
@@ -45,7 +46,6 @@ class MaterialFields:
     def load(self, F: np.ndarray, m: np.ndarray) -> None:
         """Set F (M, 3, 3) and parameters m (M, P)."""
         if len(F) > self.capacity:
-            self.close()
             self._place(len(F))
         self._count = len(F)
         self.F.from_numpy(self._padded(F))
@@ -66,10 +66,6 @@ class MaterialFields:
         """d(P : W)/dm, (M, P): how each point's power against W changes with its parameters."""
         self._power_gradient(W)
         return self.m.grad.to_numpy()[: self._count]
-
-    def close(self) -> None:
-        """Free the fields; using the object afterwards is an error."""
-        self._tree.destroy()
 
     def _place(self, capacity: int) -> None:
         self.capacity = 1 << max(capacity - 1, 1).bit_length()

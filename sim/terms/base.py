@@ -38,7 +38,7 @@ class Term(Protocol):
         """dE/dy, (T, N, 3) [N]."""
 
     def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> TermTangent | None:
-        """The Hessian, without its negative part in the frames where `project` (T,) is set; None for a linear energy."""
+        """The Hessian, without its negative part in the frames where `project` is set; None for a linear energy."""
 
     def frames(self, index: np.ndarray) -> "Term":
         """The same term for the chosen frames only."""

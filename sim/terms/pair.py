@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from sim.checks import as_array, require
 from sim.cloud import RestCloud
-from sim.hull import _boundary, _kept_tetrahedra
+from sim.hull import Hull
 from sim.terms.base import PointBlocks
 from sim.terms.triangles import Triangles, closest_shares, distance_hessian, foot
 
@@ -61,7 +61,7 @@ class SurfaceContact:
     @classmethod
     def _one_way(cls, cloud: RestCloud, a: slice, b: slice, alpha: float) -> "SurfaceContact":
         probes = np.arange(cloud.count)[a][cloud.surface[a]]
-        faces = _surface_faces(cloud.x[b], cloud.reach[b]) + b.start
+        faces = Hull.of(cloud.x[b], cloud.reach[b]).faces + b.start
         return cls(probes=probes, volume=cloud.volume[probes], mesh=Triangles.of(faces), alpha=alpha)
 
     def __post_init__(self) -> None:
@@ -118,12 +118,6 @@ class SurfaceContact:
         points = np.column_stack([near, faces[face]])
         shares = np.column_stack([np.ones(len(near)), -at.shares])
         return points[at.inside], shares[at.inside], at.offset[at.inside]
-
-
-def _surface_faces(x: np.ndarray, reach: np.ndarray, alpha: float = 1.8) -> np.ndarray:
-    """Outward triangles (M, 3) of the solid that a part's points fill."""
-    x = x + 1e-6 * reach[:, None] * np.random.default_rng(0).standard_normal(x.shape)  # no flat tetrahedra on grids
-    return _boundary(_kept_tetrahedra(x, reach, alpha))
 
 
 def _inside_bounds(p: np.ndarray, v: np.ndarray) -> np.ndarray:

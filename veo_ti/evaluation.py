@@ -49,7 +49,7 @@ class Evaluation:
 
 
 def evaluate(obj: VirtualElasticObject, observation: Observation) -> Evaluation:
-    """Simulate the object under the measured loads, from rest, and compare. Raises ValueError when the points differ."""
+    """Simulate the object from rest under the measured loads and compare; ValueError when the points differ."""
     require(len(obj.x) == len(observation.fixed), "observation", "have the object's points", observation.points.shape)
     energy = energy_of(observation, obj.cloud).with_elastic(obj.elastic)
     start = np.repeat(obj.x[None], len(observation.time), axis=0)

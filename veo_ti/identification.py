@@ -13,7 +13,7 @@ from sim.cloud import CloudOptions, RestCloud
 from sim.energy import Energy
 from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
 from veo_ti.checkpoint import read_state, write_state
-from veo_ti.evaluate import Evaluation, judged, solve_sequence, unmoved
+from veo_ti.evaluation import Evaluation, judged, solve_sequence, unmoved
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of

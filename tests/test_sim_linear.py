@@ -1,0 +1,158 @@
+"""Linear solves against scipy, how iterations grow, and what is said about indefinite Hessians."""
+
+import clouds
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import sim_cases
+from scipy.sparse.linalg import spsolve
+
+from sim.elastic import Elastic
+from sim.energy import Energy, Tangent
+from sim.lame import Lame
+from sim.linear import DirectFactors, Layout, conjugate_gradients
+from sim.newton import LinearSolver
+from sim.terms.handles import Handles
+
+KINDS = ("two-level", "direct")
+
+
+def twisted(x: np.ndarray) -> np.ndarray:
+    """Turned by 100 degrees and twisted along the axis by a further 0.5 rad: convex, yet far from rest, (N, 3) [m]."""
+    turns = np.array([clouds.rotation(0.5 * a, (1.0, 0.0, 0.0)) for a in x[:, 0] / x[:, 0].max()])
+    return np.einsum("nab,nb->na", turns, x) @ clouds.rotation(1.75).T
+
+
+def held(elastic: Elastic, frames: int = 2, grip: float = 0.0) -> Tangent:
+    """The tangent of a body clamped at x = 0 in twisted states, some of its points held by handles of stiffness grip."""
+    x = elastic.cloud.x
+    y = np.stack([twisted(x) * (1 + 0.05 * t) for t in range(frames)])
+    ends = np.flatnonzero(x[:, 0] > x[:, 0].max() - 1e-9)
+    handles = Handles(points=ends, targets=y[:, ends], alpha=np.full(len(ends), grip))
+    return Energy.of(elastic, [handles], x[:, 0] < 1e-9).tangent(y)
+
+
+def right_side(tangent: Tangent, seed: int = 0) -> np.ndarray:
+    return tangent.energy.free(np.random.default_rng(seed).normal(size=tangent.y.shape))
+
+
+def scipy_matrix(tangent: Tangent, frame: int) -> sp.csc_matrix:
+    """The Hessian's free rows and columns, from products with unit vectors."""
+    free = np.flatnonzero(np.repeat(~tangent.energy.fixed, 3))
+    T, N = tangent.y.shape[:2]
+    unit = np.zeros((T, N, 3))
+    columns = []
+    for place in free:
+        unit.reshape(T, -1)[:, place] = 1.0
+        columns.append(tangent.product(unit)[frame].ravel()[free])
+        unit.reshape(T, -1)[:, place] = 0.0
+    return sp.csc_matrix(np.stack(columns, axis=1))
+
+
+@pytest.fixture(scope="module")
+def tangent() -> Tangent:
+    return held(sim_cases.elastic(), grip=0.7)
+
+
+@pytest.fixture(scope="module")
+def exact(tangent) -> np.ndarray:
+    """scipy's solution of the right side, (T, N, 3)."""
+    right, free = right_side(tangent), ~tangent.energy.fixed
+    out = np.zeros_like(right)
+    for t in range(len(right)):
+        out[t, free] = spsolve(scipy_matrix(tangent, t), right[t, free].ravel()).reshape(-1, 3)
+    return out
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_solution_is_the_one_of_scipy(kind, tangent, exact):
+    precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
+    solve = conjugate_gradients(tangent.product, right_side(tangent), precondition, tolerance=1e-12)
+    assert solve.converged.all()
+    assert not solve.curved.any()
+    assert sim_cases.relative(solve.x, exact) < 1e-8
+
+
+def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact):
+    factors = DirectFactors.of(tangent, Layout(pattern=tangent.energy.elastic.pattern))
+    right = right_side(tangent)
+    assert sim_cases.relative(factors(right), exact) < 1e-9
+    many = factors.many(np.stack([right, 2 * right], axis=1))
+    assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-9
+    assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_preconditioner_is_symmetric_and_positive(kind, tangent):
+    precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
+    a, b = right_side(tangent, 1), right_side(tangent, 2)
+    ab, ba, aa = (np.einsum("tna,tna->t", p, precondition(q)) for p, q in ((a, b), (b, a), (a, a)))
+    assert ab == pytest.approx(ba, rel=1e-9, abs=1e-10 * aa.max())
+    assert (aa > 0).all()
+
+
+def test_frames_are_solved_as_if_alone(tangent):
+    right, energy = right_side(tangent), tangent.energy
+    solver = LinearSolver.of(energy, "two-level")
+    both = conjugate_gradients(tangent.product, right, solver.preconditioner(tangent))
+    part = energy.frames(np.array([1])).tangent(tangent.y[1:])
+    alone = conjugate_gradients(part.product, right[1:], solver.preconditioner(part))
+    assert alone.iterations[0] == both.iterations[1]
+    assert sim_cases.relative(both.x[1:], alone.x) < 1e-6  # within the tolerance of both
+
+
+def test_fixed_points_do_not_move(tangent):
+    solve = conjugate_gradients(
+        tangent.product, right_side(tangent), LinearSolver.of(tangent.energy, "two-level").preconditioner(tangent)
+    )
+    assert (solve.x[:, tangent.energy.fixed] == 0).all()
+
+
+def test_nothing_to_solve_takes_no_step(tangent):
+    zero = np.zeros_like(tangent.y)
+    solve = conjugate_gradients(tangent.product, zero, lambda r: r)
+    assert (solve.iterations == 0).all()
+    assert solve.converged.all()
+    assert (solve.x == 0).all()
+
+
+def iterations(count: int, contrast: float) -> int:
+    """Steps of two-level conjugate gradients to 1e-8; one half of the body is `contrast` times stiffer."""
+    cloud = sim_cases.cloud("poisson", count=count)
+    mu = np.where(cloud.x[:, 0] < sim_cases.SIZE[0] / 2, 1.0, contrast)
+    tangent = held(Elastic.neo_hookean(cloud, Lame(mu=mu, lam=2 * mu)), frames=1)
+    precondition = LinearSolver.of(tangent.energy, "two-level").preconditioner(tangent)
+    solve = conjugate_gradients(tangent.product, right_side(tangent), precondition)
+    assert solve.converged.all()
+    return int(solve.iterations[0])
+
+
+def test_iterations_barely_grow_with_points_and_contrast():
+    base = iterations(500, 1.0)
+    grown = {(n, c): iterations(n, c) for n, c in ((500, 100.0), (4000, 1.0), (4000, 100.0))}
+    assert max(grown.values()) <= 2 * base, f"{base} iterations at 500 points; {grown}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_negative_curvature_is_reported_in_its_frame(kind):
+    elastic = sim_cases.elastic()
+    y = np.stack([elastic.cloud.x, elastic.cloud.x * [0.45, 1.0, 1.0]])  # the second wants to buckle
+    tangent = Energy.of(elastic, [], elastic.cloud.x[:, 0] < 1e-9).tangent(y)
+    values, vectors = np.linalg.eigh(scipy_matrix(tangent, 1).toarray())
+    assert values[0] < -1e-3 * values[-1]
+    right = np.zeros_like(y)
+    right[:, ~tangent.energy.fixed] = vectors[:, 0].reshape(-1, 3)
+    precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
+    solve = conjugate_gradients(tangent.product, right, precondition)
+    assert solve.curved.tolist() == [False, True]
+    assert solve.converged.tolist() == [True, False]
+
+
+def test_projected_hessian_of_the_same_state_is_solved():
+    elastic = sim_cases.elastic()
+    y = (elastic.cloud.x * [0.45, 1.0, 1.0])[None]
+    tangent = Energy.of(elastic, [], elastic.cloud.x[:, 0] < 1e-9).tangent(y, np.array([True]))
+    precondition = LinearSolver.of(tangent.energy, "two-level").preconditioner(tangent)
+    solve = conjugate_gradients(tangent.product, right_side(tangent), precondition)
+    assert solve.converged.all()
+    assert sim_cases.relative(tangent.product(solve.x), right_side(tangent)) < 1e-7
