@@ -50,6 +50,7 @@ class Basis:
     options: FitOptions
     centre: float  # log mu where the coefficients vanish
     spacing: float  # of the cloud [m]
+    size: float  # its longest side [m]
 
     @classmethod
     def of(cls, cloud: RestCloud, options: FitOptions, mu: float) -> "Basis":
@@ -66,6 +67,7 @@ class Basis:
             options=options,
             centre=float(np.log(mu)),
             spacing=cloud.spacing,
+            size=float(np.ptp(cloud.x, axis=0).max()),
         )
 
     def prior(self, length: float, amplitude: float) -> np.ndarray:

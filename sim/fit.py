@@ -66,7 +66,7 @@ class Fit:
     state: FitState
     equilibrium: Equilibrium
     log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu
-    determined: np.ndarray  # (N,) share of the prior's variance that the data removed: 0 prior only, 1 data only
+    determined: np.ndarray  # (N,) 0: only the prior speaks, 1: only the data; see `_determined`
     mean_sd: float  # posterior standard deviation of the mean of log mu
     sentence: str
 
@@ -87,8 +87,7 @@ def fit(
     mu [Pa]: first guess of the shear modulus. Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a
     smooth field, with explicit sensitivities; the prior's length and amplitude and, where unknown, the noise maximise
     the linearised evidence, so the field becomes no rougher than the noise allows. `progress` sees the state after
-    every step; pass a state back in
-    to resume.
+    every step; pass a state back in to resume.
     """
     options = options or FitOptions()
     basis = Basis.of(energy.elastic.cloud, options, mu)
@@ -127,9 +126,8 @@ def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: LinearSolver, 
 def _first_state(energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver) -> FitState:
     a = np.zeros(basis.log_mu.shape[1])
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
-    size = float((energy.elastic.cloud.x.max(axis=0) - energy.elastic.cloud.x.min(axis=0)).max())
     sigma = target.sigma or target.rms(y)
-    state = FitState(a=a, length=size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())
+    state = FitState(a=a, length=basis.size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())
     return replace(state, objective=(_objective(target, basis, state),))
 
 
@@ -187,16 +185,29 @@ def _result(energy: Energy, target: Target, basis: Basis, solver: LinearSolver, 
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
     prior = basis.prior(state.length, state.amplitude)
     covariance = posterior(normal, prior, state.sigma).covariance
-    variance = np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu)
-    before = (basis.log_mu**2 * prior).sum(axis=1)
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
-        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(variance),
-        determined=np.clip(1 - variance / before, 0, 1), mean_sd=float(np.sqrt(covariance[0, 0])),
+        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(_variance(basis, covariance)),
+        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])),
         sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip
+
+
+def _variance(basis: Basis, covariance: np.ndarray) -> np.ndarray:
+    return np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu)
+
+
+def _determined(basis: Basis, normal: Normal, sigma: float) -> np.ndarray:
+    """Share of the variance of log mu (N,) that the data remove from one and the same prior for every object.
+
+    That prior lets stiffness vary by a factor of e^0.5 over an eighth of the object's size. The one that the fit chose
+    would not do: where it found a homogeneous object, it calls a point that no load ever strained well known.
+    """
+    prior = basis.prior(basis.size / 8, 0.5)
+    before = (basis.log_mu[:, 1:] ** 2 * prior[1:]).sum(axis=1) if basis.options.modes else prior[:1]
+    return np.clip(1 - _variance(basis, posterior(normal, prior, sigma).covariance) / before, 0, 1)
 
 
 def check_gradient(energy: Energy, target: Target, result: Fit, *, frames: int = 2) -> float:

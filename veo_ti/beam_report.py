@@ -1,6 +1,7 @@
 """What the beam's identification is shown as: numbers, pictures and one page."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def metrics_of(result: BeamResult) -> dict[str, object]:
     return {
         "young_pa": {"value": result.young.value, "low": low, "high": high, "published": PUBLISHED},
         "young_relative_sd": dict(result.young.parts), "young_pa_each_take": _scaled(result, result.single),
-        "young_pa_by_cloud": list(result.refinement),
+        "young_pa_by_cloud": [asdict(cloud) for cloud in result.refinement],
         "poisson_fixed": result.joint.poisson, "discretisation_factor": result.factor,
         "tip_drop_mm": {name: _drops(result, name) for name in result.predicted["all"]},
         "error_mm": {"training": _table(result, result.train), "held_out": _table(result, held_out)},

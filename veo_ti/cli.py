@@ -31,7 +31,7 @@ def run(
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
-        from veo_ti.beam import run_beam
+        from veo_ti.beam_report import run_beam
 
         _show(run_beam(folder, out))
         return

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from recon.metrics import DistanceTable
 from sim.basis import FitOptions
 from sim.checks import require
 from sim.cloud import CloudOptions
@@ -36,9 +37,22 @@ def identify_source(source: str, out: Path, *, modes: int, every: int, paper: bo
     console.print(f"{observation.name or source}: {points} points, {frames} frames")
     with _progress(options.fit.iterations) as advance:
         result = identify(observation, options=options, checkpoints=out, progress=advance)
-    metrics = write_identification(result, observation, out)
+    metrics = write_identification(result, observation, out, paper=_paper_row(Path(source)))
     console.print(sentence(metrics))
     return metrics
+
+
+def _paper_row(source: Path) -> DistanceTable | None:
+    """The paper's own result on a PLUSH folder that holds one, and a line on every part that the folder lacks."""
+    if not source.is_dir():
+        return None
+    from recon.plush import paper_table_row, read_plush  # it needs torch: seconds that other inputs should not cost
+
+    folder = read_plush(source)
+    for line in folder.missing:
+        console.print(line)
+    held = (source / "simulation" / "val_GT").exists() and (source / "simulation" / "val_simed").exists()
+    return paper_table_row(folder) if held else None
 
 
 @contextmanager

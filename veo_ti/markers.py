@@ -15,7 +15,8 @@ from sim.newton import LinearSolver, NewtonOptions, equilibrate
 from sim.terms.loads import AppliedForce
 from veo_ti.body import MarkerTies, tie_markers
 
-NEWTON = NewtonOptions(tolerance=1e-6)
+NEWTON, ROUGH = NewtonOptions(tolerance=1e-6), NewtonOptions(tolerance=1e-2)
+EASY = 0.45  # Poisson's ratio from which a nearly incompressible solve starts
 STEPS = 15
 SMALL = 1e-5  # change of log E at which the fit stops
 CAUTION = 1.5  # largest change of log E in one step
@@ -96,8 +97,8 @@ def identify_modulus(
     equilibrium is not found, RuntimeError when the fit does not settle.
     """
     measured, energy = _measured(poses), _energy(cloud, [pose.force for pose in poses], fixed, poisson)
-    young, y = start or (_first_guess(energy, poses, measured), np.repeat(cloud.x[None], len(poses), axis=0))
     solver = LinearSolver.of(energy)
+    young, y = start or _first_guess(cloud, poses, measured, fixed, min(poisson, EASY), solver)
     for step in range(1, STEPS + 1):
         scaled = _of_modulus(energy, young)
         y = equilibrate(scaled, y, options=NEWTON, solver=solver).require_converged().y
@@ -184,17 +185,29 @@ def _of_modulus(energy: Energy, young: float) -> Energy:
 
 
 def _response(energy: Energy, y: np.ndarray, force: np.ndarray, solver: LinearSolver) -> np.ndarray:
-    """H^-1 force (T, N, 3) [m] with the exact Hessian at y. Iterative, because factors of a fine cloud fill gigabytes."""
+    """H^-1 force (T, N, 3) [m], exact Hessian at y. Iterative: the factors of a fine cloud would fill gigabytes."""
     tangent = energy.tangent(y)
     precondition = solver.preconditioner(tangent)
-    return conjugate_gradients(tangent.product, energy.free(force), precondition, tolerance=1e-7).x
+    return conjugate_gradients(tangent.product, energy.free(force), precondition, tolerance=1e-5).x
 
 
-def _first_guess(energy: Energy, poses: Sequence[MarkedPose], measured: np.ndarray) -> float:
-    """E of the linear response to the loads that comes closest to the measured displacements."""
-    rest = np.repeat(energy.elastic.cloud.x[None], len(poses), axis=0)
-    u = carried(poses, _response(energy, rest, -energy.gradient(rest), LinearSolver.of(energy)))
+def _first_guess(
+    cloud: RestCloud,
+    poses: Sequence[MarkedPose],
+    measured: np.ndarray,
+    fixed: np.ndarray,
+    poisson: float,
+    solver: LinearSolver,
+) -> tuple[float, np.ndarray]:
+    """E of the linear response that comes closest to the measured displacements, and the equilibria there.
+
+    A nearly incompressible body is best approached through a more compressible one: Newton's steps are shortened until
+    they keep the volume, which costs it several times as many.
+    """
+    energy = _energy(cloud, [pose.force for pose in poses], fixed, poisson)
+    rest = np.repeat(cloud.x[None], len(poses), axis=0)
+    u = carried(poses, _response(energy, rest, -energy.gradient(rest), solver))
     along = float((u * measured).sum())
     require(along > 0, "displacement", "follow the loads", "markers that move against them")
-    return float((u**2).sum()) / along
-
+    young = float((u**2).sum()) / along
+    return young, equilibrate(_of_modulus(energy, young), rest, options=ROUGH, solver=solver).y

@@ -23,7 +23,7 @@ from veo_ti.store import read_sequence, write_sequence
 class VirtualElasticObject:
     """Everything a simulation needs of an object, in SI units.
 
-    determined (N,): share of the prior's uncertainty of log mu that data removed, 0 where the value is a guess.
+    determined (N,): share of the uncertainty of log mu that data removed, 0 where the value is a guess.
     With force_scale_known False the moduli are right up to one common factor only.
     """
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.metrics import DistanceTable
 from veo_ti.identification import Identification
 from veo_ti.observation import Observation
 from veo_ti.plots import error_over_time
@@ -13,9 +14,16 @@ from veo_ti.store import SequenceWriter, write_json_atomic
 from veo_ti.view import error_map, frames_strip, lame_map, save_picture, sensitivity_map, turntable
 
 
-def write_identification(result: Identification, observation: Observation, folder: Path) -> dict[str, object]:
-    """Write object.vtkhdf, metrics.json, pictures and report.html into folder; returns the metrics."""
+def write_identification(
+    result: Identification, observation: Observation, folder: Path, *, paper: DistanceTable | None = None
+) -> dict[str, object]:
+    """Write object.vtkhdf, metrics.json, pictures and report.html into folder; returns the metrics.
+
+    paper: the row of the paper's Table 1, where the input holds the paper's own results.
+    """
     metrics = result.metrics
+    if paper is not None:
+        metrics["error_mm_paper"] = {"mean": paper.mean_mm, "p95": paper.p95_mm, "max": paper.max_mm}
     _write_object(result, observation, metrics, folder)
     write_json_atomic(folder / "metrics.json", metrics)
     pictures = _pictures(result, observation, folder)
@@ -95,6 +103,8 @@ def _error_section(metrics: dict, pictures: dict[str, Path]) -> Section:
             if metrics[key][part] is not None:
                 table = metrics[key][part]
                 rows.append([label, part.replace("_", " "), table["mean"], table["p95"], table["max"]])
+    if "error_mm_paper" in metrics:
+        rows.append(["the paper's own simulation", "its validation frames", *metrics["error_mm_paper"].values()])
     columns = ["model", "frames", "mean [mm]", "95 % [mm]", "max [mm]"]
     text = "Distances between simulated and observed surface points, as in the paper's Table 1; smaller is better."
     shown = [pictures["over_time"], pictures["motion"], pictures["error"]]

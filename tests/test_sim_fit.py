@@ -1,0 +1,154 @@
+"""Recovery of stiffness from noisy finite-element data, what the fit says about itself, and resuming."""
+
+from dataclasses import replace
+
+import fem_scenes
+import numpy as np
+import pytest
+import sim_cases
+
+from sim.basis import FitOptions
+from sim.cloud import RestCloud
+from sim.elastic import Elastic
+from sim.energy import Energy
+from sim.fit import Fit, Target, check_gradient, fit, guess_modulus
+from sim.lame import Lame
+from sim.newton import NewtonOptions, equilibrate
+from sim.terms.loads import AppliedForce
+
+NOISE = 0.05  # spacings
+FEW = np.array([0, 3, 8, 13, 18, 23])  # frames
+
+
+def problem(sequence: fem_scenes.Sequence, frames: np.ndarray, mu: float = 1e4) -> tuple[Energy, Target]:
+    """The clamped body of a sequence under its forces, and where its free points were seen."""
+    cloud = RestCloud.build(sequence.points[0])
+    elastic = Elastic.neo_hookean(cloud, Lame(mu=mu, lam=3 * mu))
+    energy = Energy.of(elastic, [AppliedForce(force=sequence.forces[frames])], sequence.fixed)
+    seen = np.repeat(~sequence.fixed[None], len(frames), axis=0)
+    return energy, Target(y=sequence.points[frames], seen=seen)
+
+
+def solve(energy: Energy, target: Target, **changes) -> Fit:
+    start = sim_cases.at_rest(energy.elastic.cloud, len(target.y))
+    return fit(energy, target, start, mu=guess_modulus(energy, target), **changes)
+
+
+@pytest.fixture(scope="module")
+def sequence() -> fem_scenes.Sequence:
+    return fem_scenes.two_region_sequence(NOISE)
+
+
+@pytest.fixture(scope="module")
+def recovered(sequence) -> Fit:
+    return solve(*problem(sequence, np.arange(len(sequence.points))))
+
+
+@pytest.fixture(scope="module")
+def few(sequence) -> tuple[Energy, Target]:
+    return problem(sequence, FEW)
+
+
+def test_two_regions_are_recovered_from_noisy_data(sequence, recovered):
+    error = np.log10(recovered.lame.mu / sequence.mu_true)
+    assert np.median(np.abs(error)) <= 0.05, f"median {np.median(np.abs(error)):.3f} decades"
+    assert abs(error.mean()) < 0.02
+
+
+def test_both_regions_have_their_own_stiffness(sequence, recovered):
+    stiff = sequence.mu_true == sequence.mu_true.max()
+    for region in (stiff, ~stiff):
+        assert abs(np.median(np.log10(recovered.lame.mu / sequence.mu_true)[region])) < 0.05
+
+
+def test_noise_is_estimated(sequence, recovered):
+    assert recovered.state.sigma == pytest.approx(sequence.sigma, rel=0.05)
+
+
+def test_material_is_positive_and_what_was_determined_a_share(recovered):
+    assert (recovered.lame.mu > 0).all()
+    assert (recovered.lame.lam > 0).all()
+    assert ((recovered.determined >= 0) & (recovered.determined <= 1)).all()
+    assert (recovered.log_mu_sd > 0).all()
+    assert "all 25 frames converged" in recovered.sentence
+
+
+def test_adjoint_is_right_at_the_fitted_material(sequence, recovered):
+    energy, target = problem(sequence, np.arange(len(sequence.points)))
+    assert check_gradient(energy, target, recovered) < 1e-6
+
+
+def test_homogeneous_modulus_is_recovered_from_its_own_equilibrium(few):
+    energy, target = few
+    truth = Lame(mu=7e3, lam=21e3).spread(energy.elastic.cloud.count)
+    true_energy = energy.with_elastic(energy.elastic.with_parameters(np.stack([truth.mu, truth.lam], axis=1)))
+    start = sim_cases.at_rest(energy.elastic.cloud, len(FEW))
+    y = equilibrate(true_energy, start, options=NewtonOptions(tolerance=1e-9)).y
+    noise = 0.02 * energy.elastic.cloud.spacing
+    seen = replace(target, y=y + noise * np.random.default_rng(0).normal(size=y.shape))
+    found = solve(energy, seen, options=FitOptions().homogeneous)
+    assert np.ptp(found.lame.mu) < 1e-9 * found.lame.mu[0]
+    error = np.log(found.lame.mu[0] / 7e3)
+    assert abs(error) < 0.01
+    assert abs(error) < 4 * found.mean_sd
+    assert found.state.sigma == pytest.approx(noise, rel=0.05)
+
+
+def test_first_guess_is_within_a_factor_of_the_truth(sequence, few):
+    for start in (1e2, 1e6):
+        guess = guess_modulus(*few, mu=start)
+        assert 0.5 * sequence.mu_true.min() < guess < 2 * sequence.mu_true.max()
+
+
+def test_fit_that_was_interrupted_goes_on_to_the_same_material(few):
+    states = []
+    options = FitOptions(modes=12, ratio_modes=2)
+    whole = solve(*few, options=options, progress=states.append)
+    assert len(states) > 1
+    assert states[-1].done
+    resumed = solve(*few, options=options, state=states[0])
+    assert (resumed.lame.mu == whole.lame.mu).all()
+    assert (resumed.lame.lam == whole.lame.lam).all()
+    assert resumed.state.objective == whole.state.objective
+
+
+def test_objective_falls_and_the_field_beats_the_homogeneous_baseline(few):
+    energy, target = few
+    states = []
+    field = solve(energy, target, options=FitOptions(modes=12, ratio_modes=2), progress=states.append)
+    baseline = solve(energy, target, options=FitOptions().homogeneous)
+    assert all(b < a for a, b in zip(states[-1].objective[1:], states[-1].objective[2:], strict=False))
+    assert target.rms(field.equilibrium.y) < 0.8 * target.rms(baseline.equilibrium.y)
+
+
+def test_points_that_no_load_strains_keep_the_prior(sequence):
+    """Only the clamped quarter moves: what is seen beyond it is held still."""
+    energy = problem(sequence, FEW)[0]
+    x = energy.elastic.cloud.x
+    near = x[:, 0] < np.quantile(x[:, 0], 0.4)
+    still = Energy.of(energy.elastic, energy.terms, energy.fixed | ~near)
+    y = equilibrate(still, sim_cases.at_rest(energy.elastic.cloud, len(FEW))).y
+    y += 0.02 * energy.elastic.cloud.spacing * np.random.default_rng(0).normal(size=y.shape)
+    seen = np.repeat(~still.fixed[None], len(FEW), axis=0)
+    found = solve(still, Target(y=y, seen=seen), options=FitOptions(modes=40))
+    far = x[:, 0] > np.quantile(x[:, 0], 0.8)
+    assert found.determined[far].mean() < found.determined[near].mean() - 0.1
+    assert found.log_mu_sd[far].mean() > 2 * found.log_mu_sd[near].mean()
+
+
+def test_unseen_points_do_not_enter_the_loss(few):
+    target = few[1]
+    hidden = target.seen.copy()
+    hidden[:, ::2] = False
+    y = np.where(hidden[..., None], target.y, np.nan)
+    part = Target(y=y, seen=hidden)
+    value, slope = part.loss(target.y + 1.0)
+    assert value == pytest.approx(part.count)
+    assert part.rms(target.y + 1.0) == pytest.approx(1.0)
+    assert (slope[~hidden] == 0).all()
+
+
+@pytest.mark.parametrize("options", [{"poisson": 0.5}, {"modes": -1}, {"iterations": 0}])
+def test_impossible_options_end_in_a_sentence(options):
+    with pytest.raises(ValueError, match=f"{next(iter(options))} must"):
+        FitOptions(**options)
