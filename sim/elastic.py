@@ -130,7 +130,10 @@ class Elastic:
 
     def with_parameters(self, m: np.ndarray) -> "Elastic":
         """The same cloud and law with parameters m (N, P)."""
-        return replace(self, m=contiguous(m))
+        other = replace(self, m=contiguous(m))
+        for name in ("_residual", "stencil_gradients"):  # they belong to the cloud
+            other.__dict__[name] = getattr(self, name)
+        return other
 
     def value(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Energy (T,) [J] of each frame and its smallest J (T,); the energy is infinite where J <= 0."""

@@ -10,6 +10,7 @@ from sim.basis import Basis, FitOptions
 from sim.energy import Energy
 from sim.evidence import Normal, best_hyperparameters, design_effect, posterior
 from sim.lame import Lame
+from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
 
@@ -78,21 +79,22 @@ def fit(
     *,
     mu: float,
     options: FitOptions | None = None,
+    guess: np.ndarray | None = None,
     state: FitState | None = None,
     progress: Callable[[FitState], None] | None = None,
 ) -> Fit:
     """The most probable material given observed equilibria.
 
     energy: loads and supports; its own material is only replaced. start (T, N, 3) [m]: where the first solve begins.
-    mu [Pa]: first guess of the shear modulus. Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a
-    smooth field, with explicit sensitivities; the prior's length and amplitude and, where unknown, the noise maximise
-    the linearised evidence, so the field becomes no rougher than the noise allows. `progress` sees the state after
-    every step; pass a state back in to resume.
+    mu [Pa]: first guess of the shear modulus; guess (K,): coefficients of an earlier fit around the same mu.
+    Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a smooth field, with explicit sensitivities;
+    the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so the field
+    becomes no rougher than the noise allows. `progress` sees the state after every step; pass one back in to resume.
     """
     options = options or FitOptions()
     basis = Basis.of(energy.elastic.cloud, options, mu)
     solver = LinearSolver.of(energy, options.newton.linear)
-    state = state or _first_state(energy, target, start, basis, solver)
+    state = state or _first_state(energy, target, start, basis, solver, guess)
     normal = None
     while not state.done:
         normal = normal_equations(energy, target, basis, state)
@@ -110,9 +112,8 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     lame = Lame.from_young(np.full(cloud.count, 2.8 * mu), 0.4)
     energy = energy.with_elastic(type(energy.elastic).neo_hookean(cloud, lame))
     rest = np.repeat(cloud.x[None], len(target.y), axis=0)
-    tangent, solver = energy.tangent(rest[:1]), LinearSolver.of(energy, "direct")
     right = -energy.gradient(rest)
-    u = solver.preconditioner(tangent).many(right[None])[0]
+    u = solve_directly(energy.tangent(rest[:1]), Layout(pattern=energy.elastic.pattern), right[None])[0]
     u = np.where(target.seen[..., None], u, 0.0)
     scale = (u * target.residual(rest)).sum() / (u**2).sum()
     return mu / max(float(scale), 1e-6)
@@ -123,8 +124,10 @@ def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: LinearSolver, 
     return equilibrate(energy.with_elastic(energy.elastic.with_parameters(m)), start, options=newton, solver=solver)
 
 
-def _first_state(energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver) -> FitState:
-    a = np.zeros(basis.log_mu.shape[1])
+def _first_state(
+    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver, guess: np.ndarray | None
+) -> FitState:
+    a = np.zeros(basis.log_mu.shape[1]) if guess is None else guess
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
     sigma = target.sigma or target.rms(y)
     state = FitState(a=a, length=basis.size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())

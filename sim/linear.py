@@ -1,6 +1,6 @@
 """Linear solves with the Hessian, all frames at once: conjugate gradients with a choice of preconditioner."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -101,41 +101,48 @@ class Layout:
         template, place = self.template
         return sp.csc_matrix((blocks.ravel()[place], template.indices, template.indptr), shape=template.shape)
 
+    def factor(self, blocks: np.ndarray) -> SuperLU:
+        """The factors of blocks (M, 3, 3), symmetric but not necessarily positive."""
+        options = {"SymmetricMode": True}
+        return splu(self.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectFactors:
-    """One sparse factorisation per frame (SuperLU): the inverse of its own tangent, a strong preconditioner nearby."""
+    """One sparse factorisation per frame (SuperLU): the inverse of its own tangent, a strong preconditioner nearby.
+
+    Made and used in one thread: SciPy never frees the memory of a factor that dies in another thread than its own.
+    """
 
     factors: tuple[SuperLU, ...]
 
     @classmethod
-    def of(cls, tangent: Tangent, layout: Layout, threads: int = 2) -> "DirectFactors":
-        """Factorise every frame, a few at a time: Taichi assembles in this thread, SuperLU runs in several."""
-
-        def factor(blocks: np.ndarray) -> SuperLU:
-            options = {"SymmetricMode": True}
-            return splu(layout.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-        factors: list[SuperLU] = []
-        with serial_blas(), ThreadPoolExecutor(threads) as pool:
-            for first in range(0, len(tangent.y), 4 * threads):
-                frames = slice(first, min(first + 4 * threads, len(tangent.y)))
-                factors += pool.map(factor, tangent.assembled(frames))
-        return cls(factors=tuple(factors))
+    def of(cls, tangent: Tangent, layout: Layout) -> "DirectFactors":
+        """Factorise every frame."""
+        with serial_blas():
+            return cls(factors=tuple(layout.factor(b) for some in _chunks(tangent) for b in tangent.assembled(some)))
 
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """H^-1 r, (T, N, 3)."""
-        with serial_blas(), ThreadPoolExecutor(2) as pool:
-            return np.stack(list(pool.map(lambda f, v: f.solve(v.ravel()).reshape(v.shape), self.factors, r)))
-
-    def many(self, right: np.ndarray) -> np.ndarray:
-        """H^-1 of several right-hand sides at once, (T, K, N, 3)."""
-        with serial_blas(), ThreadPoolExecutor(2) as pool:
-            solved = pool.map(
-                lambda f, v: f.solve(v.reshape(len(v), -1).T.copy()).T.reshape(v.shape), self.factors, right
-            )
-            return np.stack(list(solved))
+        with serial_blas():
+            return np.stack([f.solve(v.ravel()).reshape(v.shape) for f, v in zip(self.factors, r, strict=True)])
 
     def frames(self, index: np.ndarray) -> "DirectFactors":
         """The factors of the chosen frames."""
         return DirectFactors(factors=tuple(self.factors[i] for i in index))
+
+
+def solve_directly(tangent: Tangent, layout: Layout, right: np.ndarray, *, threads: int = 2) -> np.ndarray:
+    """H^-1 of several right sides (T, K, N, 3) of every frame: each is factorised, used and freed in one thread."""
+
+    def solve(blocks: np.ndarray, v: np.ndarray) -> np.ndarray:
+        columns = np.asfortranarray(v.reshape(len(v), -1).T)
+        return layout.factor(blocks).solve(columns).T.reshape(v.shape)
+
+    with serial_blas(), ThreadPoolExecutor(threads) as pool:
+        return np.concatenate([list(pool.map(solve, tangent.assembled(f), right[f])) for f in _chunks(tangent)])
+
+
+def _chunks(tangent: Tangent, size: int = 8) -> Iterator[slice]:
+    """The frames, a few at a time: the assembled blocks of all would take gigabytes."""
+    return (slice(first, min(first + size, len(tangent.y))) for first in range(0, len(tangent.y), size))

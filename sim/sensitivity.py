@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sim.energy import Energy
-from sim.linear import DirectFactors, Layout
+from sim.linear import Layout, solve_directly
 
 
 def sensitivities(energy: Energy, y: np.ndarray, directions: np.ndarray, *, chunk: int = 4) -> Iterator[np.ndarray]:
@@ -20,4 +20,4 @@ def sensitivities(energy: Energy, y: np.ndarray, directions: np.ndarray, *, chun
         index = np.arange(first, min(first + chunk, len(y)))
         part, state = energy.frames(index), y[index]
         right = np.stack([-energy.free(change.gradient(state)) for change in changes], axis=1)
-        yield from DirectFactors.of(part.tangent(state), layout).many(right)
+        yield from solve_directly(part.tangent(state), layout, right)

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 from sim.elastic import Elastic
 from sim.energy import Energy, Tangent
 from sim.lame import Lame
-from sim.linear import DirectFactors, Layout, conjugate_gradients
+from sim.linear import DirectFactors, Layout, conjugate_gradients, solve_directly
 from sim.newton import LinearSolver
 from sim.terms.handles import Handles
 
@@ -78,9 +78,25 @@ def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact):
     factors = DirectFactors.of(tangent, Layout(pattern=tangent.energy.elastic.pattern))
     right = right_side(tangent)
     assert sim_cases.relative(factors(right), exact) < 1e-9
-    many = factors.many(np.stack([right, 2 * right], axis=1))
+    many = solve_directly(tangent, Layout(pattern=tangent.energy.elastic.pattern), np.stack([right, 2 * right], axis=1))
     assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-9
     assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
+
+
+def test_direct_solves_give_their_memory_back(tangent):
+    resource = pytest.importorskip("resource")
+    layout, right = Layout(pattern=tangent.energy.elastic.pattern), right_side(tangent)[:, None]
+
+    def peak() -> float:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # [MB] on Linux
+
+    size = sum(f.nnz for f in DirectFactors.of(tangent, layout).factors) * 12 / 2**20  # [MB]
+    for _ in range(5):
+        solve_directly(tangent, layout, right)
+    before = peak()
+    for _ in range(50):
+        solve_directly(tangent, layout, right)
+    assert peak() - before < 10 * size
 
 
 @pytest.mark.parametrize("kind", KINDS)

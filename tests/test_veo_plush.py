@@ -38,9 +38,9 @@ def folder(tmp_path):
     path, all_points = tmp_path / "bar", np.arange(count)
     held = np.flatnonzero(bar.fixed)
     write_reconstruction(path, vertices=y, colors=np.full((count, 3), 0.5), object_index=all_points, fixed=held)
-    seen = y[validation]
+    seen, off = y[validation], np.array([0, 0, 2e-3])
     write_simulation(
-        path, training=training, validation=validation, sampled=all_points, seen=seen, simulated=seen + np.array([0, 0, 2e-3])
+        path, training=training, validation=validation, sampled=all_points, seen=seen, simulated=seen + off
     )
     write_nozzle(path, NozzlePath(position=position, direction=direction, seen=np.ones(FRAMES, bool)))
     return path

@@ -59,12 +59,12 @@ def _paper_row(source: Path) -> DistanceTable | None:
 def _progress(most: int) -> Iterator:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("solving the first equilibria", total=2 * most)
-        names = {"homogeneous": "one homogeneous material", "field": "per-point material"}
+        task = bar.add_task("solving the first equilibria", total=3 * most)
+        names = {"rough": "a first guess", "homogeneous": "one homogeneous material", "field": "per-point material"}
 
         def advance(stage: str, state: FitState) -> None:
             text = f"{names[stage]}, step {len(state.objective) - 1}, noise {1e3 * state.sigma:.3g} mm"
-            done = len(state.objective) - 1 + most * (stage == "field")
+            done = len(state.objective) - 1 + most * list(names).index(stage)
             bar.update(task, completed=done, description=text)
 
         yield advance

@@ -3,7 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
 
+_FEW = 12  # frames on which one homogeneous material is found before all are taken
 Progress = Callable[[str, FitState], None]
 
 
@@ -98,9 +99,10 @@ def identify(
     stage = _Stage(energy.frames(train), target.frames(train), checkpoints, _key(observation, options), progress)
     rest = np.repeat(cloud.x[None], len(train), axis=0)
     mu = guess_modulus(stage.energy, stage.target)
-    homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous)
-    field_start = homogeneous.state.y
-    learnt = stage.run("field", field_start, float(homogeneous.lame.mu[0]), options.fit)
+    few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
+    rough = stage.frames(few).run("rough", rest[few], mu, options.fit.homogeneous)
+    homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous, rough.state.a)
+    learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit)
     obj = _object(observation, cloud, learnt, options)
     return Identification(
         object=obj, fit=learnt, homogeneous=homogeneous,
@@ -120,7 +122,12 @@ class _Stage:
     key: str
     progress: Progress | None
 
-    def run(self, name: str, start: np.ndarray, mu: float, options: FitOptions) -> Fit:
+    def frames(self, index: np.ndarray) -> "_Stage":
+        return replace(self, energy=self.energy.frames(index), target=self.target.frames(index))
+
+    def run(
+        self, name: str, start: np.ndarray, mu: float, options: FitOptions, guess: np.ndarray | None = None
+    ) -> Fit:
         path = self.folder / f"checkpoint_{name}.npz" if self.folder else None
         state = read_state(path, self.key) if path else None
 
@@ -130,7 +137,9 @@ class _Stage:
             if self.progress:
                 self.progress(name, state)
 
-        return fit(self.energy, self.target, start, mu=mu, options=options, state=state, progress=after)
+        return fit(
+            self.energy, self.target, start, mu=mu, options=options, guess=guess, state=state, progress=after
+        )
 
 
 def _everywhere(energy: Energy, target: Target, result: Fit, train: np.ndarray) -> Evaluation:

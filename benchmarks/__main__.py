@@ -1,0 +1,69 @@
+"""`python -m benchmarks`: measure every target of the design against the other ways of computing the same."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.fitting import fit_rows
+from benchmarks.growth import growth_rows
+from benchmarks.hessian import hessian_rows
+from benchmarks.iterate import check_rows, iterate_rows
+from benchmarks.linear import linear_rows
+from benchmarks.table import Row, machine, markdown
+from veo_ti.atomic import replacing
+
+_WORDS = (
+    "How fast this simulator is beside other ways of computing the same. All peers took turns in this one run, so the "
+    "ratios hold even where the machine was busy; every peer's result was checked."
+)
+_SMALL = "This was `--quick`: bodies too small for the targets, which are meant for the full run."
+
+FULL = {
+    "Hessian product": lambda: hessian_rows(12000, 32, 7),
+    "linear solve": lambda: linear_rows(10000, 32, 2),
+    "warm solve and adjoint": lambda: iterate_rows(10000, 8),
+    "adjoint against differences": lambda: check_rows(1000, 2),
+    "fit and Adam": lambda: fit_rows(600, 6, 150),
+    "growth": lambda: growth_rows((1000, 2000, 5000, 10000, 20000, 50000), (1, 100), 2),
+}
+QUICK = {
+    "Hessian product": lambda: hessian_rows(600, 4, 3),
+    "linear solve": lambda: linear_rows(600, 2, 1),
+    "warm solve and adjoint": lambda: iterate_rows(600, 2),
+    "adjoint against differences": lambda: check_rows(300, 1),
+    "fit and Adam": lambda: fit_rows(300, 2, 8),
+    "growth": lambda: growth_rows((600, 1200), (1, 100), 1),
+}
+
+
+def report(sections: dict[str, Callable[[], list[Row]]], *, note: str = "") -> str:
+    """The sentence, the machine and the table; says on stderr what is being measured."""
+    rows = []
+    for name, measure in sections.items():
+        begin = time.perf_counter()
+        print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
+        rows += measure()
+        print(f"{time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+    return "\n\n".join(part for part in (_WORDS, note, machine(), markdown(rows)) if part)
+
+
+def main() -> None:
+    """Measure, print and, on request, write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="The table of timings, as markdown.")
+    parser.add_argument("--quick", action="store_true", help="small bodies: does everything run?")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the markdown here too")
+    given = parser.parse_args()
+    # Taichi compiles every kernel on its first use: once over the small bodies first keeps that out of the times.
+    for measure in QUICK.values():
+        measure()
+    text = report(QUICK if given.quick else FULL, note=_SMALL if given.quick else "")
+    print(text)
+    if given.out:
+        with replacing(given.out) as partial:
+            partial.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""The direct peer: every frame's assembled Hessian factorised by CHOLMOD, or by SuperLU where cvxopt is missing."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.energy import Energy, Tangent
+from sim.linear import DirectFactors, Layout, Preconditioner
+from sim.newton import LinearSolver
+
+try:
+    from cvxopt import cholmod, matrix, spmatrix
+except ImportError:
+    cholmod = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cholmod:
+    """Stands in for a LinearSolver, one frame at a time; the symbolic analysis is made once for the pattern."""
+
+    layout: Layout
+    lower: np.ndarray  # (L,) places of the lower triangle's entries among the matrix's
+    pattern: Any  # spmatrix of the lower triangle; its values change
+    factor: Any  # CHOLMOD's object, overwritten by every factorisation
+
+    @classmethod
+    def of(cls, energy: Energy) -> "Cholmod":
+        """Analyse the pattern of an energy's Hessian."""
+        layout = Layout(pattern=energy.elastic.pattern)
+        template = layout.template[0]
+        column = np.repeat(np.arange(template.shape[0]), np.diff(template.indptr))
+        lower = np.flatnonzero(template.indices >= column)
+        pattern = spmatrix(1.0, template.indices[lower].tolist(), column[lower].tolist(), template.shape)
+        return cls(layout=layout, lower=lower, pattern=pattern, factor=cholmod.symbolic(pattern))
+
+    def preconditioner(self, tangent: Tangent) -> Preconditioner:
+        """The inverse at the one frame of a tangent; SuperLU's where it is not positive definite."""
+        blocks = tangent.assembled(slice(0, 1))[0]
+        self.pattern.V = matrix(self.layout.matrix(blocks).data[self.lower])
+        try:
+            cholmod.numeric(self.pattern, self.factor)
+        except ArithmeticError:
+            return DirectFactors.of(tangent, self.layout)
+        return self._solve
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        x = matrix(right.reshape(-1, 1))
+        cholmod.solve(self.factor, x)
+        return np.array(x).reshape(right.shape)
+
+
+def best_direct(energy: Energy) -> tuple[str, Cholmod | LinearSolver]:
+    """The fastest direct solver that is installed, and its name."""
+    if cholmod is None:
+        return "SuperLU", LinearSolver.of(energy, "direct")
+    return "CHOLMOD", Cholmod.of(energy)

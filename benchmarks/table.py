@@ -1,0 +1,67 @@
+"""One markdown table of measured figures beside their targets, with the machine named."""
+
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+_PACKAGES = ("numpy", "scipy", "taichi", "torch", "jax", "cvxopt", "scikit-sparse")
+_ANSWER = {True: "yes", False: "**no**", None: ""}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What was measured, the figure, the target in words, and whether it is reached (None: there is no target)."""
+
+    what: str
+    figure: str
+    target: str = ""
+    reached: bool | None = None
+
+
+def skipped(what: str, why: str, target: str = "") -> Row:
+    """The row of something that this machine cannot measure."""
+    return Row(what=what, figure=f"not measured: {why}", target=target)
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The table."""
+    lines = ["| what | figure | target | reached |", "|---|---|---|---|"]
+    return "\n".join(lines + [f"| {r.what} | {r.figure} | {r.target} | {_ANSWER[r.reached]} |" for r in rows])
+
+
+def machine() -> str:
+    """Processor, cores, load, memory, Python and the packages that matter, in a sentence."""
+    versions = [f"{name} {version}" for name in _PACKAGES if (version := _version(name))]
+    load = f"load {os.getloadavg()[0]:.1f} at the end, " if hasattr(os, "getloadavg") else ""
+    system = f"{platform.system()}, Python {platform.python_version()}"
+    return f"{_processor()}, {os.cpu_count()} cores, {load}{_memory()}{system}, {', '.join(versions)}."
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> str:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return ""
+    unit = 1 if sys.platform == "darwin" else 1024
+    held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
+    return f"at most {held:.1f} GB of memory used, "
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
