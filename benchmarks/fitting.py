@@ -8,8 +8,8 @@ import numpy as np
 
 import sim.fit
 from benchmarks import scene
-from benchmarks.adam import adam
 from benchmarks.table import Row
+from sim.adam import fit_adam
 from sim.basis import FitOptions
 from sim.energy import Energy
 from sim.fit import FitState, Target, fit, guess_modulus
@@ -49,11 +49,11 @@ def fit_rows(points: int, frames: int, limit: int) -> list[Row]:
     start, floor = scene.at_rest(energy, frames), target.count * target.sigma**2
     ours, solves = _ours(energy, target, start, floor)
     theirs = _Course(floor=floor, limit=limit)
-    adam(energy, target, start, rate=_RATE, newton=FitOptions().newton, proceed=theirs.proceed)
+    fit_adam(energy, target, start, rate=_RATE, newton=FitOptions().newton, proceed=theirs.proceed)
     outer, count, slower = len(ours.losses), len(theirs.losses) / solves, theirs.seconds / ours.seconds
     begin = f"from {theirs.losses[0]:.1f} x" if ours.down else f"missed: down to {ours.losses[-1]:.2f} x only"
     more, note = ("", "") if theirs.down else ("> ", f", given up at {theirs.losses[-1]:.2f} x")
-    size = f"Fit, {energy.elastic.cloud.count} points x {frames} frames, loss to {_CLOSE} x that of the noise"
+    size = f"Fit, {energy.elastic.cloud.count} points x {frames} frames, noise {_NOISE} spacing, to {_CLOSE} x its loss"
     return [
         Row(what=f"{size}: outer iterations", figure=f"{outer} ({begin})", target="<= 15",
             reached=ours.down and outer <= 15),

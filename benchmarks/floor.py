@@ -12,7 +12,8 @@ import numpy as np
 from sim.elastic import ElasticTangent
 
 _LANES = 8
-_FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC")
+# Not -ffast-math: a library linked with it switches denormal numbers off for the whole process, which SciPy trips over.
+_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fopenmp", "-shared", "-fPIC")
 Floor = tuple[Callable[[], object], Callable[[], np.ndarray]]  # the job, its result (T, N, 3)
 
 

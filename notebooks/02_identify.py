@@ -113,4 +113,4 @@ if measured:
         assert abs(1e3 * result.predicted["all"][name][:, 2].mean() - takes[name].drop_mm) < 0.5
 else:
     held_out = [metrics[name]["held_out"]["mean"] for name in ("error_mm", "error_mm_homogeneous")]
-    assert held_out[0] < 0.5 * held_out[1]
+    assert held_out[0] < 0.85 * held_out[1]

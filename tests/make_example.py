@@ -16,12 +16,12 @@ NOISE = 0.3e-3  # [m]
 
 
 def plush_mesh() -> MeshHex:
-    """A sitting toy 28 cm high: wide body, narrower head, two ears; a grid with cells removed, then rounded."""
-    mesh = fem.box_mesh((-5, -3, 0), (5, 3, 16), (10, 6, 16))
+    """A sitting toy 24 cm high: wide body, narrower head, two ears; a grid with cells removed, then rounded."""
+    mesh = fem.box_mesh((-5, -3, 0), (5, 3, 14), (10, 6, 14))
     x, _, z = np.abs(mesh.p[:, mesh.t].mean(axis=1))
     y = np.abs(mesh.p[1, mesh.t].mean(axis=0))
-    ear = (x > 1) & (x < 3) & (y < 1)
-    keep = (z < 6) | ((z < 10) & (x < 3)) | ear
+    ear = (x > 1) & (x < 4) & (y < 2) & (z < 14)
+    keep = (z < 6) | ((z < 10) & (x < 4)) | ear
     mesh = mesh.restrict(np.flatnonzero(keep)).remove_unused_nodes()
     return MeshHex(np.stack(rounded(*mesh.p)) * CELL, mesh.t)
 
@@ -66,8 +66,8 @@ def jet_along(position: np.ndarray, direction: np.ndarray, pressure: np.ndarray,
 
 def plush_jet() -> fem_scenes.Jet:
     """Three sweeps of nine frames: from the left going up, from the right coming down, from front to back across."""
-    up, across = np.linspace(0.04, 0.26, 9), np.linspace(-0.07, 0.07, 9)
-    heights = np.array([0.06, 0.10, 0.14, 0.24, 0.26, 0.24, 0.14, 0.10, 0.06])
+    up, across = np.linspace(0.04, 0.23, 9), np.linspace(-0.07, 0.07, 9)
+    heights = np.array([0.06, 0.10, 0.14, 0.21, 0.23, 0.21, 0.14, 0.10, 0.06])
     z, zero, one = np.concatenate([up, up[::-1], heights]), np.zeros(9), np.ones(9)
     target = np.stack([np.concatenate([zero, zero, across]), np.concatenate([zero, zero, zero]), z], axis=1)
     way = np.concatenate([[[1, 0.3, 0]] * 9, [[-1, 0.3, 0.2]] * 9, np.stack([0.5 * across / 0.07, -one, zero], axis=1)])

@@ -61,7 +61,8 @@ class Identification:
                 name: {"training": part.rms_mm(self.train), "held_out": _or_none(part.rms_mm, self.held_out)}
                 for name, part in self._evaluations.items()
             },
-            "noise_mm": 1e3 * self.fit.state.sigma, "gradient_check": self.gradient_error,
+            "noise_mm": 1e3 * self.fit.state.sigma, "noise_given": self.model.target.sigma is not None,
+            "gradient_check": self.gradient_error,
             "iterations": len(self.fit.state.objective) - 1, "status": self.fit.sentence, "seconds": self.seconds,
             "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
             "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,

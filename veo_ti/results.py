@@ -40,7 +40,8 @@ def write_identification(
 
 def sentence(metrics: dict) -> str:
     """The result in one plain sentence."""
-    mu, noise = metrics["mu_pa"], metrics["noise_mm"]
+    mu, unexplained = metrics["mu_pa"], metrics["noise_mm"] * np.sqrt(8 / np.pi)
+    source = "the measurement's noise" if metrics["noise_given"] else "noise, or physics that the model lacks,"
     scale = "" if metrics["force_scale_known"] else " Forces are known up to scale only, so the moduli are relative."
     held = metrics["error_mm"]["held_out"] or metrics["error_mm"]["training"]
     plain = metrics["error_mm_homogeneous"]["held_out"] or metrics["error_mm_homogeneous"]["training"]
@@ -48,7 +49,7 @@ def sentence(metrics: dict) -> str:
     return (
         f"The shear modulus runs from {mu['min'] / 1e3:.3g} to {mu['max'] / 1e3:.3g} kPa; the simulation is "
         f"{held['mean']:.2f} mm from the measurement {where} (one homogeneous material: {plain['mean']:.2f} mm), "
-        f"of which noise explains about {noise * np.sqrt(8 / np.pi):.2f} mm.{scale}"
+        f"of which {source} makes about {unexplained:.2f} mm.{scale}"
     )
 
 
@@ -127,7 +128,7 @@ def _material_section(result: Identification, metrics: dict, pictures: dict[str,
 
 def _trust_section(result: Identification, metrics: dict, pictures: dict[str, Path]) -> Section:
     rows = [
-        ["noise of the measurement, estimated, per coordinate [mm]", metrics["noise_mm"]],
+        [f"noise per coordinate [mm], {'given' if metrics['noise_given'] else 'estimated'}", metrics["noise_mm"]],
         ["adjoint gradient against finite differences", f"{metrics['gradient_check']:.1e}"],
         ["Gauss-Newton steps", metrics["iterations"]],
         ["frames without equilibrium", len(metrics["frames"]["not_converged"])],
