@@ -1,6 +1,6 @@
-"""How the equilibrium moves with the material: forward sensitivities, one factorisation per frame, many directions."""
+"""How the equilibrium answers to changes: forward sensitivities, one factorisation per frame, many right sides."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -8,16 +8,30 @@ from sim.energy import Energy
 from sim.linear import Layout, solve_directly
 
 
-def sensitivities(energy: Energy, y: np.ndarray, directions: np.ndarray, *, chunk: int = 4) -> Iterator[np.ndarray]:
-    """dy/da of every frame in turn, (K, N, 3), for parameter changes dm/da = directions (K, N, P).
+def responses(
+    energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray], *, chunk: int = 4
+) -> Iterator[np.ndarray]:
+    """dy of every frame in turn, (K, N, 3) [m], under K small added forces: `H^-1 f` with the exact Hessian at y.
 
-    `S = -H^-1 d(dE/dy)/dm : directions`. The force of a parameter change is the elastic gradient with the parameters
-    replaced by their change, because the law is linear in them.
+    forces(index) gives (len(index), K, N, 3) [N] for the frames `index`; it is asked for a few frames at a time.
     """
     layout = Layout(pattern=energy.elastic.pattern)
-    changes = [energy.elastic.with_parameters(d) for d in directions]
     for first in range(0, len(y), chunk):
         index = np.arange(first, min(first + chunk, len(y)))
-        part, state = energy.frames(index), y[index]
-        right = np.stack([-energy.free(change.gradient(state)) for change in changes], axis=1)
+        part, state, right = energy.frames(index), y[index], forces(index)
+        right[:, :, energy.fixed] = 0.0
         yield from solve_directly(part.tangent(state), layout, right)
+
+
+def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The forces that parameter changes dm/da = directions (K, N, P) act like at y: `-d(dE/dy)/dm : directions`.
+
+    They are the elastic gradient with the parameters replaced by their change, because the law is linear in them.
+    """
+    changes = [energy.elastic.with_parameters(d) for d in directions]
+    return lambda index: np.stack([-change.gradient(y[index]) for change in changes], axis=1)
+
+
+def sensitivities(energy: Energy, y: np.ndarray, directions: np.ndarray, *, chunk: int = 4) -> Iterator[np.ndarray]:
+    """dy/da of every frame in turn, (K, N, 3), for parameter changes dm/da = directions (K, N, P)."""
+    return responses(energy, y, parameter_forces(energy, y, directions), chunk=chunk)

@@ -1,0 +1,60 @@
+"""What a cause is: a physical effect with parameters whose null value gives back the baseline exactly."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.terms.base import Term
+from veo_ti.diagnosis.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number with a unit, zero where the effect is absent; sd is the width of what is physically plausible."""
+
+    name: str
+    unit: str
+    sd: float
+    positive: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    """What a cause does at given parameters: terms that join the energy, and what tracking makes of the positions."""
+
+    terms: tuple[Term, ...] = ()
+    observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
+
+
+class Cause:
+    """One way in which the world may differ from the model. A subclass says its name, its parameters and its change.
+
+    The change is evaluated around a scene, whose motion (frozen) serves whatever depends on history. `places` lists
+    what else has to be tried: spots, axes, time constants; their number is paid for in the evidence.
+    """
+
+    name = ""
+    sentence = ""
+    parameters: tuple[Parameter, ...] = ()
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The change at theta (d,); at zero it does nothing."""
+        raise NotImplementedError
+
+    def untestable(self, scene: Scene) -> str | None:
+        """Why this measurement cannot speak about the cause, in a sentence, or None."""
+        return None
+
+    def places(self, scene: Scene) -> Sequence[Any]:
+        """What is scanned."""
+        return (None,)
+
+    def describe(self, scene: Scene, place: Any) -> str:
+        """The place in words, or nothing."""
+        return ""
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """Prior standard deviations (d,) of the parameters for this object."""
+        return np.array([p.sd for p in self.parameters])

@@ -1,0 +1,207 @@
+"""Causes in the loads: the force is not what, where or when it was said to be, or there is one that nobody knows of."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from sim.terms.handles import Handles
+from sim.terms.jet import jet_forces
+from sim.terms.loads import AppliedForce
+from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.scene import Scene
+
+SPOTS = 40
+
+
+def added(force: np.ndarray) -> Change:
+    """A force (T, N, 3) [N] on top of the nominal one."""
+    return Change(terms=(AppliedForce(force=force),))
+
+
+class ForceDirection(Cause):
+    """f = R(w) f, or the whole jet turned about its nozzle."""
+
+    name = "force_direction"
+    sentence = "The force points elsewhere than it was said to, by the same rotation in every frame."
+    parameters = tuple(Parameter(name=f"turn_{a}", unit="rad", sd=0.07) for a in "xyz")
+
+    def places(self, scene: Scene) -> Sequence[Any]:
+        """Turned on the spot; where the jet is known, also turned about the nozzle, which moves its footprint."""
+        return ("force", "nozzle") if scene.observation.jet is not None else ("force",)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
+        """The difference that the rotation makes."""
+        turn = Rotation.from_rotvec(theta)
+        if place == "force":
+            return added(turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape) - scene.forces)
+        jet, cloud = scene.observation.jet, scene.cloud
+        turned = replace(jet, direction=turn.apply(jet.direction))
+        return added(jet_forces(turned, cloud.x, cloud.area) - jet_forces(jet, cloud.x, cloud.area))
+
+    def describe(self, scene: Scene, place: str) -> str:
+        """What is turned."""
+        return "turned where it acts" if place == "force" else "turned about the nozzle"
+
+
+class ForceOffset(Cause):
+    """f(x) = f0(x - dp)."""
+
+    name = "force_offset"
+    sentence = "The force acts beside the place it was said to, by the same shift in every frame."
+    parameters = tuple(Parameter(name=f"shift_{a}", unit="m", sd=0.01) for a in "xyz")
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
+        jet, cloud = scene.observation.jet, scene.cloud
+        if jet is not None:
+            shifted = replace(jet, position=jet.position + theta)
+            return added(jet_forces(shifted, cloud.x, cloud.area) - jet_forces(jet, cloud.x, cloud.area))
+        slope = cloud.deformation_gradient(scene.forces + cloud.x) - np.eye(3)
+        return added(-slope @ theta)
+
+
+class ForceMagnitude(Cause):
+    """f = f0 (|F| / F_max)^n, |F| the total of a frame."""
+
+    name = "force_magnitude"
+    sentence = "The force is not proportional to its nominal strength: weak ones or strong ones are off."
+    parameters = (Parameter(name="exponent", unit="-", sd=0.3),)
+
+    def untestable(self, scene: Scene) -> str | None:
+        """One load level cannot show it."""
+        load = scene.total_force[scene.total_force > 0]
+        if len(load) == 0 or load.max() < 1.5 * np.percentile(load, 10):
+            return "all frames carry about the same load; measure at several levels"
+        return None
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """Scaled frame by frame."""
+        share = scene.total_force / scene.total_force.max()
+        factor = np.where(share > 0, np.maximum(share, 1e-3) ** theta[0], 1.0) - 1
+        return added(factor[:, None, None] * scene.forces)
+
+
+class ForceTiming(Cause):
+    """f(t) = f0(t - delay)."""
+
+    name = "force_timing"
+    sentence = "The force comes later (or earlier) than its time stamp."
+    parameters = (Parameter(name="delay", unit="s", sd=0.02),)
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """About one frame."""
+        return np.array([float(np.median(np.diff(scene.time)))])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The load history read at shifted times."""
+        return added(_at(scene, scene.time - theta[0]) - scene.forces)
+
+
+class ClockDrift(Cause):
+    """f(t) = f0(t + rate (t - t0))."""
+
+    name = "clock_drift"
+    sentence = "The clock of the cameras and that of the force run at different speeds."
+    parameters = (Parameter(name="rate", unit="-", sd=0.01),)
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """About one frame over the whole measurement."""
+        return np.array([float(np.median(np.diff(scene.time)) / np.ptp(scene.time))])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The load history read by the other clock."""
+        return added(_at(scene, scene.time + theta[0] * (scene.time - scene.time[0])) - scene.forces)
+
+
+class FollowerLoad(Cause):
+    """f = (1 - w) f0 + w cof(F) f0."""
+
+    name = "follower_load"
+    sentence = "The force turns and spreads with the surface it acts on instead of keeping its direction."
+    parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True),)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """Carried along by the deformation of the baseline's motion."""
+        J = np.linalg.det(scene.F)[..., None, None]
+        carried = np.einsum("tnba,tnb->tna", np.linalg.inv(scene.F) * J, scene.forces)
+        return added(theta[0] * (carried - scene.forces))
+
+
+class HiddenForce(Cause):
+    """A constant force at a spot, absent in the reference pose."""
+
+    name = "hidden_force"
+    sentence = "A constant force that nobody recorded pulls at one spot."
+    parameters = tuple(Parameter(name=f"force_{a}", unit="N", sd=1.0) for a in "xyz")
+
+    def places(self, scene: Scene) -> Sequence[int]:
+        """Spots over the free surface."""
+        return scene.spots(SPOTS)
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A fifth of the largest load."""
+        return np.full(3, 0.2 * float(scene.total_force.max()))
+
+    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
+        """Spread over two spacings."""
+        return added(scene.moving * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * theta)
+
+    def describe(self, scene: Scene, place: int) -> str:
+        """Where."""
+        return _at_spot(scene, place)
+
+
+class HiddenTether(Cause):
+    """E = k/2 |y - x|^2 at a spot."""
+
+    name = "hidden_tether"
+    sentence = "An elastic string or an unseen attachment holds one spot where it was at rest."
+    parameters = (Parameter(name="stiffness", unit="N/m", sd=1.0, positive=True),)
+
+    def places(self, scene: Scene) -> Sequence[int]:
+        """Spots over the free surface."""
+        return scene.spots(SPOTS)
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """What would hold a patch of some spacings about as stiffly as the material around it."""
+        return np.array([10 * float(np.median(scene.mu)) * scene.cloud.spacing])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
+        """Springs over two spacings."""
+        w = scene.patch(place, 2 * scene.cloud.spacing)
+        held = np.flatnonzero(w)
+        return Change(terms=(Handles(points=held, targets=scene.cloud.x[None, held], alpha=0.5 * theta[0] * w[held]),))
+
+    def describe(self, scene: Scene, place: int) -> str:
+        """Where."""
+        return _at_spot(scene, place)
+
+
+class GravityDirection(Cause):
+    """f_i = m_i a, absent in the reference pose."""
+
+    name = "gravity_direction"
+    sentence = "The object is tilted against gravity compared with its reference pose."
+    parameters = tuple(Parameter(name=f"change_{a}", unit="m/s2", sd=1.0) for a in "xyz")
+
+    def untestable(self, scene: Scene) -> str | None:
+        """It needs the mass."""
+        return "the object's mass is not known; weigh it" if scene.mass is None else None
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """A change of gravity after the reference frame."""
+        return added(scene.moving * scene.mass[:, None] * theta)
+
+
+def _at(scene: Scene, time: np.ndarray) -> np.ndarray:
+    """The nominal forces at other times (T, N, 3) [N], held at their first and last values outside."""
+    return CubicSpline(scene.time, scene.forces, axis=0)(np.clip(time, scene.time[0], scene.time[-1]))
+
+
+def _at_spot(scene: Scene, point: int) -> str:
+    x, y, z = 1e3 * scene.cloud.x[point]
+    return f"around ({x:.0f}, {y:.0f}, {z:.0f}) mm"

@@ -1,0 +1,46 @@
+"""Causes in the measurement: the object did as simulated, tracking shows something else."""
+
+from typing import Any
+
+import numpy as np
+
+from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.scene import Scene
+
+
+class CameraScale(Cause):
+    """y_seen = c + (1 + s)(y - c) after the reference frame."""
+
+    name = "camera_scale"
+    sentence = "The cameras' scale changed after the reference frame."
+    parameters = (Parameter(name="scale", unit="-", sd=0.01),)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """Everything grows about the middle of the rest shape."""
+        middle = scene.cloud.x.mean(axis=0)
+        return Change(observe=lambda y, frames: y + theta[0] * scene.moving[frames] * (y - middle))
+
+
+class CorrespondenceSlip(Cause):
+    """y_seen = y - c (I - n n^T)(y - x)."""
+
+    name = "correspondence_slip"
+    sentence = "Tracked points slide back along the surface: motion across the view is under-reported."
+    parameters = (Parameter(name="share", unit="-", sd=0.1),)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The tangential part of the displacement is reported too small."""
+        normals = _normals(scene)
+
+        def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
+            u, n = y - scene.cloud.x, normals[frames]
+            return y - theta[0] * (u - (u * n).sum(axis=2, keepdims=True) * n)
+
+        return Change(observe=observe)
+
+
+def _normals(scene: Scene) -> np.ndarray:
+    """Unit outward normals of the simulated surface (T, N, 3), zero inside: `cof(F) A / |cof(F) A|`."""
+    area = np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.area)
+    size = np.linalg.norm(area, axis=2, keepdims=True)
+    return np.where(size > 1e-12 * size.max(), area / np.maximum(size, 1e-300), 0.0)

@@ -1,0 +1,179 @@
+"""Fingerprints: how the observed positions answer to every nuisance and every cause, accumulated to small matrices."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim.basis import Basis
+from sim.cloud import CloudOptions, RestCloud
+from sim.elastic import Elastic
+from sim.lame import Lame
+from sim.sensitivity import parameter_forces, responses
+from veo_ti.diagnosis.causes.base import Cause, Change
+from veo_ti.diagnosis.scene import Scene
+
+_STEP = 1e-3  # of a parameter's width: changes are linear in it or nearly so
+_OTHER_CLOUDS = (CloudOptions(neighbours=12), CloudOptions(neighbours=6), CloudOptions(stabilisation=3.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Direction:
+    """One way in which the observed positions may be off, per unit of a coefficient: as a force, as a move, or both."""
+
+    change: Change
+    scale: float  # the coefficient's value that `change` was made with
+
+    def forces(self, scene: Scene, index: np.ndarray) -> np.ndarray:
+        """The added force (n, N, 3) [N] per unit."""
+        y = scene.y[index]
+        return -sum((t.frames(index).gradient(y) for t in self.change.terms), np.zeros_like(y)) / self.scale
+
+    def moves(self, scene: Scene, index: np.ndarray) -> np.ndarray:
+        """The added motion (n, N, 3) [m] per unit that needs no equilibrium."""
+        y = scene.y[index]
+        return (self.change.observe(y, index) - y) / self.scale if self.change.observe else np.zeros_like(y)
+
+
+def directions_of(cause: Cause, scene: Scene, place: Any, theta: np.ndarray | None = None) -> list[Direction]:
+    """One direction a parameter, at the null or around theta."""
+    widths = cause.widths(scene)
+    if theta is None:
+        steps = _STEP * widths
+        return [
+            Direction(change=cause.change(scene, step * axis, place), scale=step)
+            for step, axis in zip(steps, np.eye(len(steps)), strict=True)
+        ]
+    return [_around(cause, scene, place, theta, i, _STEP * width) for i, width in enumerate(widths)]
+
+
+def _around(cause: Cause, scene: Scene, place: Any, theta: np.ndarray, i: int, step: float) -> Direction:
+    axis = step * np.eye(len(theta))[i]
+    ahead, behind = (cause.change(scene, theta + s * axis, place) for s in (1, -1))
+    terms = (*ahead.terms, *(Negated(term=t) for t in behind.terms))
+    observe = None
+    if ahead.observe is not None:
+
+        def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
+            return y + ahead.observe(y, frames) - behind.observe(y, frames)
+
+    return Direction(change=Change(terms=terms, observe=observe), scale=2 * step)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Negated:
+    """The gradient of a term with the opposite sign."""
+
+    term: Any
+
+    def gradient(self, y: np.ndarray) -> np.ndarray:
+        """-dE/dy, (T, N, 3) [N]."""
+        return -self.term.gradient(y)
+
+    def frames(self, index: np.ndarray) -> "Negated":
+        """For the chosen frames only."""
+        return replace(self, term=self.term.frames(index))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resampled:
+    """What another discretisation of the same material adds to the gradient: the error of ours looks like it."""
+
+    elastic: Elastic
+    other: Elastic
+
+    def gradient(self, y: np.ndarray) -> np.ndarray:
+        """Other minus ours, (T, N, 3) [N]."""
+        return self.other.gradient(y) - self.elastic.gradient(y)
+
+    def frames(self, index: np.ndarray) -> "Resampled":
+        """The same for every frame."""
+        return self
+
+
+def discretisation(scene: Scene) -> list[Direction]:
+    """The discretisation columns: one for each other choice of neighbours and stabilisation."""
+    elastic, cloud = scene.energy.elastic, scene.cloud
+    lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
+    others = [
+        Elastic.neo_hookean(RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=o), lame)
+        for o in _OTHER_CLOUDS
+    ]
+    return [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1.0) for o in others]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moments:
+    """Inner products over the observed coordinates, per block of frames: A (B, M, M), b (B, M), c (B,), count (B,).
+
+    Rows of the first index are the nuisances (material coefficients, then discretisation), then all directions, then
+    the smooth modes in which misfit is looked for. b and c are with the residual z = r + sum a_k J_k, which the
+    linearised model has to explain.
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    count: np.ndarray
+    nuisances: int
+    modes: int
+
+    @property
+    def total(self) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """All blocks together."""
+        return self.A.sum(axis=0), self.b.sum(axis=0), float(self.c.sum()), int(self.count.sum())
+
+
+def moments(
+    scene: Scene,
+    basis: Basis,
+    a: np.ndarray,
+    extra: Sequence[Direction],
+    directions: Sequence[Direction],
+    modes: np.ndarray,
+    blocks: np.ndarray,
+) -> Moments:
+    """Solve for all fingerprints, frame by frame, and accumulate.
+
+    a (K,): material coefficients; extra: further nuisances; modes (N, S): smooth in space, paired with cosines in time
+    over the training frames; blocks (T,): block of each frame, negative where it does not train.
+    """
+    frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
+    elastic = scene.energy.elastic
+    soft = parameter_forces(scene.energy, scene.y, basis.directions(Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])))
+    pushing = [*extra, *directions]
+
+    def forces(local: np.ndarray) -> np.ndarray:
+        index = frames[local]
+        return np.concatenate([soft(index), np.stack([d.forces(scene, index) for d in pushing], axis=1)], axis=1)
+
+    cosines = time_modes(len(frames))
+    K, nuisances = len(a), len(a) + len(extra)
+    width = nuisances + len(directions) + 3 * modes.shape[1] * cosines.shape[1]
+    A, b = np.zeros((blocks.max() + 1, width, width)), np.zeros((blocks.max() + 1, width))
+    c, count = np.zeros(blocks.max() + 1), np.zeros(blocks.max() + 1, int)
+    part, state = scene.energy.frames(frames), scene.y[frames]
+    for n, S in enumerate(responses(part, state, forces)):
+        t, index = frames[n], frames[n : n + 1]
+        S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
+        seen = scene.target.seen[t]
+        X = S[:, seen].reshape(len(S), -1)
+        smooth = np.einsum("ns,k->skn", modes[seen], cosines[n])
+        wave = np.zeros((3, smooth.shape[0], smooth.shape[1], int(seen.sum()), 3))
+        for axis in range(3):
+            wave[axis, ..., axis] = smooth
+        X = np.concatenate([X, wave.reshape(-1, X.shape[1])])
+        z = scene.residual[t, seen].ravel() + a @ X[:K]
+        A[blocks[t]] += X @ X.T
+        b[blocks[t]] += X @ z
+        c[blocks[t]] += z @ z
+        count[blocks[t]] += len(z)
+    return Moments(A=A, b=b, c=c, count=count, nuisances=nuisances, modes=3 * modes.shape[1] * cosines.shape[1])
+
+
+def time_modes(frames: int, most: int = 12) -> np.ndarray:
+    """Cosines over the frames, (T, R), columns of unit mean square: constant, then ever faster."""
+    t = (np.arange(frames) + 0.5) / frames
+    modes = np.cos(np.pi * t[:, None] * np.arange(min(most, frames))[None])
+    return modes / np.sqrt((modes**2).mean(axis=0))

@@ -1,0 +1,70 @@
+"""The noise of a measurement from its own residual: what neighbours do not share, and what stray points look like."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from veo_ti.diagnosis.scene import Scene
+
+_STENCIL = 14
+_STRAY = 6.0  # local residual beyond which a point counts as an outlier, in standard deviations
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Noise:
+    """sigma: standard deviation of a coordinate [m]; stray (T, N): outliers; correlation: how many residuals in the
+    smooth modes make one independent one, judged by what is rough in time (1 for white noise)."""
+
+    sigma: float
+    stray: np.ndarray
+    correlation: float
+
+    @property
+    def outlier_share(self) -> float:
+        """Share of the observed points that are outliers."""
+        return float(self.stray.mean())
+
+
+def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
+    """The noise from the residual of a scene; a given sigma is taken as it is.
+
+    A residual minus the affine fit to its neighbours' leaves noise, since what physics gets wrong is smooth at that
+    scale; the median of its size is not moved by outliers. modes (N, S): smooth in space.
+    """
+    local, gain = _local(scene)
+    seen = scene.target.seen & np.isfinite(gain)
+    e = np.where(seen[..., None], local / gain[None, :, None], np.nan)
+    estimate = float(np.nanmedian(np.abs(e))) / 0.67449
+    sigma = scene.target.sigma or estimate
+    stray = seen & (np.nan_to_num(np.abs(e)).max(axis=2) > _STRAY * max(sigma, estimate))
+    return Noise(sigma=sigma, stray=stray, correlation=_correlation(scene, modes, sigma, stray))
+
+
+def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Residual minus an affine fit to its neighbours (T, N, 3) [m], and what that does to white noise, (N,)."""
+    used = np.flatnonzero(scene.target.seen.any(axis=0))
+    x = scene.cloud.x[used]
+    near = cKDTree(x).query(x, min(_STENCIL, len(used)))[1][:, 1:]
+    arms = x[near] - x[:, None]
+    design = np.concatenate([np.ones((*arms.shape[:2], 1)), arms / scene.cloud.spacing], axis=2)
+    weights = np.linalg.pinv(design, rcond=1e-3)[:, 0]  # (U, k): predicts the value at the point itself
+    local = np.zeros_like(scene.residual)
+    local[:, used] = scene.residual[:, used] - np.einsum("uk,tukc->tuc", weights, scene.residual[:, used[near]])
+    gain = np.full(scene.cloud.count, np.nan)
+    gain[used] = np.sqrt(1 + (weights**2).sum(axis=1))
+    return local, gain
+
+
+def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarray) -> float:
+    """Energy of the rough-in-time part of the residual in smooth spatial modes over that of white noise, at least 1."""
+    frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
+    if len(frames) < 5:
+        return 1.0
+    seen = scene.target.seen[frames] & ~stray[frames]
+    r = np.where(seen[..., None], scene.residual[frames], 0.0)
+    projected = np.einsum("ns,tnc->tsc", modes, r)
+    rough = projected[1:-1] - (projected[:-2] + projected[2:]) / 2  # the middle against its neighbours in time
+    expected = 1.5 * sigma**2 * np.einsum("ns,tn->ts", modes**2, seen[1:-1].astype(float))
+    ratio = np.median((rough**2).sum(axis=2), axis=0) / (expected.mean(axis=0) * 2.366)  # median of chi2 with 3
+    return float(max(1.0, np.median(ratio)))

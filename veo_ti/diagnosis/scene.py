@@ -1,0 +1,90 @@
+"""The baseline that causes are held against: a measurement, the fitted material, and the motion it simulates."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sim.cloud import RestCloud
+from sim.energy import Energy
+from sim.fit import Target
+from veo_ti.observation import Observation
+from veo_ti.scene import forces_of
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """All frames at the present model. `train` marks the frames that may be used to choose anything."""
+
+    observation: Observation
+    energy: Energy  # with the present material
+    y: np.ndarray  # (T, N, 3) [m], simulated
+    target: Target  # all frames; outliers unseen
+    train: np.ndarray  # (T,) bool
+
+    def moved(self, energy: Energy, y: np.ndarray) -> "Scene":
+        """The same measurement under another model."""
+        return replace(self, energy=energy, y=y)
+
+    @property
+    def cloud(self) -> RestCloud:
+        """The rest shape."""
+        return self.energy.elastic.cloud
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T,) [s]."""
+        return self.observation.time
+
+    @cached_property
+    def forces(self) -> np.ndarray:
+        """The nominal forces (T, N, 3) [N]."""
+        return forces_of(self.observation, self.cloud)
+
+    @cached_property
+    def total_force(self) -> np.ndarray:
+        """Size of the resultant of each frame, (T,) [N]."""
+        return np.linalg.norm(self.forces.sum(axis=1), axis=1)
+
+    @cached_property
+    def F(self) -> np.ndarray:
+        """Deformation gradients of the simulated motion, (T, N, 3, 3)."""
+        return self.cloud.deformation_gradient(self.y)
+
+    @property
+    def mu(self) -> np.ndarray:
+        """Shear modulus (N,) [Pa]."""
+        return self.energy.elastic.m[:, 0]
+
+    @cached_property
+    def mass(self) -> np.ndarray | None:
+        """Mass of each point (N,) [kg], where the object was weighed."""
+        if self.observation.mass is None:
+            return None
+        return self.observation.mass * self.cloud.volume / self.cloud.volume.sum()
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Observed minus simulated (T, N, 3) [m], zero where nothing was seen."""
+        return self.target.residual(self.y)
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """Frames after the reference, (T, 1, 1), 1 or 0: what acts all the time is part of the reference pose."""
+        return (np.arange(len(self.time)) > 0).astype(float)[:, None, None]
+
+    def spots(self, count: int) -> np.ndarray:
+        """Indices of about `count` free surface points spread evenly (farthest-point sampling)."""
+        free = np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
+        x = self.cloud.x[free]
+        chosen, distance = [int(np.argmax(x[:, 2]))], np.full(len(x), np.inf)
+        for _ in range(min(count, len(x)) - 1):
+            distance = np.minimum(distance, np.linalg.norm(x - x[chosen[-1]], axis=1))
+            chosen.append(int(np.argmax(distance)))
+        return free[chosen]
+
+    def patch(self, point: int, radius: float) -> np.ndarray:
+        """Weights (N,) of sum 1, a Gaussian around a point on the free points."""
+        d = np.linalg.norm(self.cloud.x - self.cloud.x[point], axis=1)
+        w = np.exp(-0.5 * (d / radius) ** 2) * ~self.energy.fixed
+        return np.where(w > 1e-3, w, 0.0) / w[w > 1e-3].sum()

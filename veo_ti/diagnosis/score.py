@@ -1,0 +1,135 @@
+"""Scores: how much of the misfit each cause's fingerprint explains beyond what the nuisances can."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr, logsumexp
+
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.columns import Moments
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Statistics:
+    """The linearised model with its nuisances marginalised: `Sigma = s2 I + J P^-1 J^T`, never formed.
+
+    s2 [m2] counts correlated residuals as fewer; prior (n,) holds the nuisances' variances.
+    """
+
+    moments: Moments
+    s2: float
+    prior: np.ndarray
+
+    def inner(self, left: slice | np.ndarray, right: slice | np.ndarray) -> np.ndarray:
+        """left^T Sigma^-1 right for columns of the moments."""
+        A = self.moments.total[0]
+        n = self.moments.nuisances
+        return (A[left][:, right] - A[left][:, :n] @ self._solve(A[:n][:, right])) / self.s2
+
+    def against(self, left: slice | np.ndarray) -> np.ndarray:
+        """left^T Sigma^-1 z."""
+        A, b, _, _ = self.moments.total
+        n = self.moments.nuisances
+        return (b[left] - A[left][:, :n] @ self._solve(b[:n])) / self.s2
+
+    def alone(self, columns: np.ndarray) -> np.ndarray:
+        """|column|^2 / s2: what would be left if no nuisance took any of it."""
+        return np.diagonal(self.moments.total[0])[columns] / self.s2
+
+    @property
+    def smooth(self) -> slice:
+        """The columns of the smooth modes."""
+        return slice(self.moments.A.shape[1] - self.moments.modes, None)
+
+    def misfit(self, explained: np.ndarray | None = None) -> "Misfit":
+        """Energy of the residual in the smooth modes against its expectation; `explained` columns are taken out."""
+        u, C = self.against(self.smooth), self.inner(self.smooth, self.smooth)
+        if explained is not None:
+            V, cross = self.inner(explained, explained), self.inner(self.smooth, explained)
+            solved = np.linalg.pinv(V, hermitian=True)
+            u, C = u - cross @ solved @ self.against(explained), C - cross @ solved @ cross.T
+        return Misfit.of(u, C)
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        n = self.moments.nuisances
+        factor = cho_factor(self.moments.total[0][:n, :n] + self.s2 * np.diag(1 / self.prior))
+        return cho_solve(factor, right)
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Energy, its mean and standard deviation under "noise only", in units in which a white mode has energy one."""
+
+    energy: float
+    mean: float
+    sd: float
+
+    @classmethod
+    def of(cls, u: np.ndarray, C: np.ndarray) -> "Misfit":
+        """From modes^T Sigma^-1 z and its covariance."""
+        scale = 1 / np.maximum(np.diagonal(C).max(), 1e-300)
+        return cls(float(scale * u @ u), float(scale * np.trace(C)), float(scale * np.sqrt(2 * (C**2).sum())))
+
+    @property
+    def z(self) -> float:
+        """Standard deviations above the expectation."""
+        return (self.energy - self.mean) / self.sd
+
+    @property
+    def excess(self) -> float:
+        """Energy beyond the expectation."""
+        return max(self.energy - self.mean, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Score:
+    """A cause before any refit. theta (d,), sd (d,) and place: the most probable ones to first order."""
+
+    cause: Cause
+    place: Any
+    theta: np.ndarray
+    sd: np.ndarray
+    log_bayes: float
+    statistic: float  # u^T V^-1 u at the place
+    keep: float  # share of the fingerprint that the nuisances cannot imitate
+    detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
+    columns: np.ndarray  # of the moments
+
+    @property
+    def name(self) -> str:
+        """The cause's name."""
+        return self.cause.name
+
+
+def score(
+    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray
+) -> Score:
+    """The score of one cause; columns (places, d) of its directions. The number of places is paid for."""
+    results = [_at(statistics, cause, widths, c) for c in columns]
+    evidence = np.array([r[0] for r in results])
+    best = int(np.argmax(evidence))
+    theta, sd, statistic, keep, detectable = results[best][1:]
+    return Score(
+        cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
+        log_bayes=float(logsumexp(evidence) - np.log(len(evidence))), columns=columns[best],
+    )  # fmt: skip
+
+
+def _at(statistics: Statistics, cause: Cause, widths: np.ndarray, columns: np.ndarray) -> tuple:
+    """Work in units of the prior's widths, in which the parameters are of order one."""
+    V = widths[:, None] * statistics.inner(columns, columns) * widths
+    u = widths * statistics.against(columns)
+    precision = V + np.eye(len(u))
+    covariance = np.linalg.inv(precision)
+    mean = covariance @ u
+    log_bayes = 0.5 * u @ mean - 0.5 * np.linalg.slogdet(precision)[1]
+    if len(u) == 1 and cause.parameters[0].positive:  # half the prior's mass sits where physics is
+        log_bayes += np.log(2) + log_ndtr(mean[0] / np.sqrt(covariance[0, 0]))
+    alone = widths**2 * statistics.alone(columns)
+    keep = float(np.sqrt(np.trace(V) / max(alone.sum(), 1e-300)))
+    statistic = float(u @ np.linalg.pinv(V, hermitian=True) @ u)
+    see = 4.3 / np.sqrt(np.maximum(np.diagonal(V), 1e-12))  # 3 for a false alarm in 700, 1.3 for nine in ten
+    return float(log_bayes), widths * mean, widths * np.sqrt(np.diagonal(covariance)), statistic, keep, widths * see
