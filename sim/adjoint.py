@@ -13,7 +13,7 @@ Loss = Callable[[np.ndarray], tuple[float, np.ndarray]]  # y (T, N, 3) -> value 
 
 
 def implicit_gradient(
-    energy: Energy, y: np.ndarray, slope: np.ndarray, *, solver: LinearSolver | None = None, tolerance: float = 1e-10
+    energy: Energy, y: np.ndarray, slope: np.ndarray, *, solver: LinearSolver | None = None, tolerance: float = 1e-8
 ) -> np.ndarray:
     """dL/dm (N, P) at the equilibrium y for a loss with dL/dy = slope (T, N, 3).
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.checks import as_array, require, some
 from sim.elastic import Elastic, ElasticTangent
+from sim.material import MaterialTangent
 from sim.terms.base import Term, TermTangent
 
 
@@ -48,6 +49,15 @@ class Energy:
         """The energy of the chosen frames only."""
         return replace(self, terms=tuple(term.frames(index) for term in self.terms))
 
+    def between(self, frame: int, share: float) -> "Energy":
+        """The energy of one instant, the `share` of the way from `frame` to the next.
+
+        Terms that know how (`between`) are interpolated linearly; the others are those of the next frame.
+        """
+        following = np.array([frame + 1])
+        moved = (t.between(frame, share) if hasattr(t, "between") else t.frames(following) for t in self.terms)
+        return replace(self, terms=tuple(moved))
+
     def value(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Energy (T,) [J] and the smallest J of each frame (T,)."""
         energy, smallest = self.elastic.value(y)
@@ -79,7 +89,7 @@ class Tangent:
 
     energy: Energy
     elastic: ElasticTangent
-    terms: tuple[TermTangent, ...]
+    terms: tuple[TermTangent | MaterialTangent, ...]
     y: np.ndarray  # (T, N, 3)
 
     def product(self, p: np.ndarray) -> np.ndarray:
@@ -95,7 +105,11 @@ class Tangent:
         out = self.elastic.assembled(frames)
         diagonal = np.flatnonzero(pattern.rows == pattern.indices)
         for term in self.terms:
-            out[:, diagonal] += term.blocks[frames]
+            if isinstance(term, MaterialTangent):
+                out += term.assembled(frames)
+            else:
+                out[:, diagonal] += term.blocks[frames]
+                out += term.pairs
         out[:, fixed[pattern.rows] | fixed[pattern.indices]] = 0.0
         size = np.abs(out[:, diagonal]).max(initial=0.0)
         out[:, diagonal[fixed]] = size * np.eye(3)

@@ -69,6 +69,7 @@ class Fit:
     log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu
     determined: np.ndarray  # (N,) 0: only the prior speaks, 1: only the data; see `_determined`
     mean_sd: float  # posterior standard deviation of the mean of log mu
+    centre: float  # log mu where the coefficients vanish
     sentence: str
 
 
@@ -193,7 +194,7 @@ def _result(energy: Energy, target: Target, basis: Basis, solver: LinearSolver, 
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
         lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(_variance(basis, covariance)),
-        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])),
+        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])), centre=basis.centre,
         sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip
 

@@ -38,6 +38,9 @@ class Identification:
     The three evaluations cover all frames; held_out frames were never used to choose anything.
     """
 
+    observation: Observation
+    options: IdentifyOptions
+    energy: Energy  # loads and supports of all frames, with the learnt material
     object: VirtualElasticObject
     fit: Fit
     homogeneous: Fit
@@ -106,7 +109,8 @@ def identify(
     learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit)
     obj = _object(observation, cloud, learnt, options)
     return Identification(
-        object=obj, fit=learnt, homogeneous=homogeneous,
+        observation=observation, options=options, energy=_with(energy, learnt), object=obj, fit=learnt,
+        homogeneous=homogeneous,
         model=_everywhere(energy, target, learnt, train), baseline=_everywhere(energy, target, homogeneous, train),
         rest=unmoved(cloud.x, target), train=train, held_out=held_out,
         gradient_error=check_gradient(stage.energy, stage.target, learnt), seconds=time.perf_counter() - began,
@@ -145,11 +149,14 @@ class _Stage:
 
 def _everywhere(energy: Energy, target: Target, result: Fit, train: np.ndarray) -> Evaluation:
     """The fitted material on every frame; held-out frames start from the nearest training frame's solution."""
-    m = np.stack([result.lame.mu, result.lame.lam], axis=1)
     frames = np.arange(len(target.y))
     near = np.abs(train[None] - frames[:, None]).argmin(axis=1)
-    solved = solve_sequence(energy.with_elastic(energy.elastic.with_parameters(m)), result.equilibrium.y[near])
-    return judged(solved, target)
+    return judged(solve_sequence(_with(energy, result), result.equilibrium.y[near]), target)
+
+
+def _with(energy: Energy, result: Fit) -> Energy:
+    m = np.stack([result.lame.mu, result.lame.lam], axis=1)
+    return energy.with_elastic(energy.elastic.with_parameters(m))
 
 
 def _object(observation: Observation, cloud: RestCloud, result: Fit, options: IdentifyOptions) -> VirtualElasticObject:

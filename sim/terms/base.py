@@ -13,6 +13,7 @@ class PointBlocks:
     """A Hessian that couples no two points: blocks (T, N, 3, 3)."""
 
     blocks: np.ndarray
+    pairs: np.ndarray | float = 0.0
 
     def product(self, p: np.ndarray) -> np.ndarray:
         """H p, (T, N, 3)."""
@@ -20,9 +21,10 @@ class PointBlocks:
 
 
 class TermTangent(Protocol):
-    """The Hessian of a term: its pointwise blocks (T, N, 3, 3) serve preconditioners, the product is all of it."""
+    """The Hessian of a term: the product is all of it, the blocks serve preconditioners."""
 
-    blocks: np.ndarray
+    blocks: np.ndarray  # (T, N, 3, 3) of single points
+    pairs: np.ndarray | float  # (M, 3, 3) of further pairs on the elastic pattern, the same in every frame; 0 for none
 
     def product(self, p: np.ndarray) -> np.ndarray:
         """H p, (T, N, 3)."""
@@ -47,3 +49,10 @@ class Term(Protocol):
 def per_frame(array: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Rows `index` of a per-frame array; an array of one row holds for every frame."""
     return array if len(array) == 1 else array[index]
+
+
+def mixed(array: np.ndarray, frame: int, share: float) -> np.ndarray:
+    """A per-frame array the `share` of the way from `frame` to the next, one row."""
+    if len(array) == 1:
+        return array
+    return (1 - share) * array[frame : frame + 1] + share * array[frame + 1 : frame + 2]

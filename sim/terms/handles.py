@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.terms.base import PointBlocks, per_frame
+from sim.terms.base import PointBlocks, mixed, per_frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,3 +55,12 @@ class Handles:
     def frames(self, index: np.ndarray) -> "Handles":
         """The targets of the chosen frames."""
         return replace(self, targets=per_frame(self.targets, index), alpha=per_frame(self.alpha, index))
+
+    def between(self, frame: int, share: float) -> "Handles":
+        """The handles the `share` of the way from `frame` to the next: the energy is interpolated.
+
+        With one alpha the target moves on a straight line; a handle that was not seen in a frame takes the other's.
+        """
+        alpha, pull = mixed(self.alpha, frame, share), self.alpha[..., None] * self.targets
+        seen = np.where(alpha > 0, alpha, 1.0)[..., None]
+        return replace(self, targets=mixed(pull, frame, share) / seen, alpha=alpha)

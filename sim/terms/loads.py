@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.terms.base import per_frame
+from sim.terms.base import mixed, per_frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +27,10 @@ class AppliedForce:
     def frames(self, index: np.ndarray) -> "AppliedForce":
         """The loads of the chosen frames."""
         return replace(self, force=per_frame(self.force, index))
+
+    def between(self, frame: int, share: float) -> "AppliedForce":
+        """The load the `share` of the way from `frame` to the next."""
+        return replace(self, force=mixed(self.force, frame, share))
 
 
 def gravity_change(mass: np.ndarray, change: np.ndarray) -> AppliedForce:

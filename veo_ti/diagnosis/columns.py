@@ -1,6 +1,6 @@
 """Fingerprints: how the observed positions answer to every nuisance and every cause, accumulated to small matrices."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -92,15 +92,36 @@ class Resampled:
         return self
 
 
-def discretisation(scene: Scene) -> list[Direction]:
-    """The discretisation columns: one for each other choice of neighbours and stabilisation."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Known:
+    """A direction that was solved for before: its motion (T, N, 3) [m]."""
+
+    motion: np.ndarray
+
+    def forces(self, scene: Scene, index: np.ndarray) -> np.ndarray:
+        """None."""
+        return np.zeros_like(self.motion[index])
+
+    def moves(self, scene: Scene, index: np.ndarray) -> np.ndarray:
+        """The motion itself."""
+        return self.motion[index]
+
+
+def discretisation(scene: Scene) -> tuple[Known, ...]:
+    """How the motion changes with another choice of neighbours or stabilisation, to first order: our error's shape."""
     elastic, cloud = scene.energy.elastic, scene.cloud
     lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
     others = [
         Elastic.neo_hookean(RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=o), lame)
         for o in _OTHER_CLOUDS
     ]
-    return [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1.0) for o in others]
+    ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1.0) for o in others]
+
+    def forces(index: np.ndarray) -> np.ndarray:
+        return np.stack([way.forces(scene, index) for way in ways], axis=1)
+
+    motion = np.stack(list(responses(scene.energy, scene.y, forces)), axis=1)
+    return tuple(Known(motion=m) for m in motion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,47 +150,71 @@ def moments(
     scene: Scene,
     basis: Basis,
     a: np.ndarray,
-    extra: Sequence[Direction],
+    extra: Sequence[Known],
     directions: Sequence[Direction],
-    modes: np.ndarray,
-    blocks: np.ndarray,
+    *,
+    companion: Callable[[Scene], Change] | None = None,
+    residual: np.ndarray | None = None,
+    modes: np.ndarray | None = None,
+    blocks: np.ndarray | None = None,
 ) -> Moments:
     """Solve for all fingerprints, frame by frame, and accumulate.
 
-    a (K,): material coefficients; extra: further nuisances; modes (N, S): smooth in space, paired with cosines in time
-    over the training frames; blocks (T,): block of each frame, negative where it does not train.
+    a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
+    material; residual (T, N, 3): default the scene's; modes (N, S):
+    smooth in space, paired with cosines in time over the training frames; blocks (T,): block of each frame.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
-    elastic = scene.energy.elastic
-    soft = parameter_forces(scene.energy, scene.y, basis.directions(Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])))
-    pushing = [*extra, *directions]
-
-    def forces(local: np.ndarray) -> np.ndarray:
-        index = frames[local]
-        return np.concatenate([soft(index), np.stack([d.forces(scene, index) for d in pushing], axis=1)], axis=1)
-
-    cosines = time_modes(len(frames))
-    K, nuisances = len(a), len(a) + len(extra)
-    width = nuisances + len(directions) + 3 * modes.shape[1] * cosines.shape[1]
-    A, b = np.zeros((blocks.max() + 1, width, width)), np.zeros((blocks.max() + 1, width))
-    c, count = np.zeros(blocks.max() + 1), np.zeros(blocks.max() + 1, int)
-    part, state = scene.energy.frames(frames), scene.y[frames]
-    for n, S in enumerate(responses(part, state, forces)):
+    blocks = np.zeros(len(scene.time), int) if blocks is None else blocks
+    residual = scene.residual if residual is None else residual
+    modes = np.zeros((scene.cloud.count, 0)) if modes is None else modes
+    cosines, K, pushing = time_modes(len(frames)), len(a), [*extra, *directions]
+    nuisances, smooth = K + len(extra), 3 * modes.shape[1] * cosines.shape[1]
+    width, count = nuisances + len(directions) + smooth, int(blocks.max()) + 1
+    A, b = np.zeros((count, width, width)), np.zeros((count, width))
+    c, number = np.zeros(count), np.zeros(count, int)
+    forces = _all_forces(scene, basis, companion, pushing, frames)
+    for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
         t, index = frames[n], frames[n : n + 1]
-        S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
+        if pushing:
+            S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
         seen = scene.target.seen[t]
-        X = S[:, seen].reshape(len(S), -1)
-        smooth = np.einsum("ns,k->skn", modes[seen], cosines[n])
-        wave = np.zeros((3, smooth.shape[0], smooth.shape[1], int(seen.sum()), 3))
-        for axis in range(3):
-            wave[axis, ..., axis] = smooth
-        X = np.concatenate([X, wave.reshape(-1, X.shape[1])])
-        z = scene.residual[t, seen].ravel() + a @ X[:K]
+        X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
+        z = residual[t, seen].ravel() + a @ X[:K]
         A[blocks[t]] += X @ X.T
         b[blocks[t]] += X @ z
         c[blocks[t]] += z @ z
-        count[blocks[t]] += len(z)
-    return Moments(A=A, b=b, c=c, count=count, nuisances=nuisances, modes=3 * modes.shape[1] * cosines.shape[1])
+        number[blocks[t]] += len(z)
+    return Moments(A=A, b=b, c=c, count=number, nuisances=nuisances, modes=smooth)
+
+
+def _all_forces(
+    scene: Scene,
+    basis: Basis,
+    companion: Callable[[Scene], Change] | None,
+    pushing: Sequence[Direction | Known],
+    frames: np.ndarray,
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What every direction pushes with in chosen training frames, (n, K + directions, N, 3)."""
+    m = scene.energy.elastic.m
+    ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
+    soft = parameter_forces(scene.energy, scene.y, ways)
+    along = [Direction(change=companion(scene.of_material(way)), scale=1.0) for way in ways] if companion else []
+
+    def forces(local: np.ndarray) -> np.ndarray:
+        index = frames[local]
+        own = soft(index)
+        if along:
+            own += np.stack([d.forces(scene, index) for d in along], axis=1)
+        return np.concatenate([own, *(d.forces(scene, index)[:, None] for d in pushing)], axis=1)
+
+    return forces
+
+
+def _waves(modes: np.ndarray, cosines: np.ndarray) -> np.ndarray:
+    """Products of spatial modes (n, S) and a frame's cosines (R,), for each axis: (3 S R, 3 n)."""
+    smooth = np.einsum("ns,k->skn", modes, cosines).reshape(-1, len(modes))
+    return np.concatenate([np.kron(smooth, axis) for axis in np.eye(3)])
 
 
 def time_modes(frames: int, most: int = 12) -> np.ndarray:

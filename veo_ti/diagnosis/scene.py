@@ -26,6 +26,12 @@ class Scene:
         """The same measurement under another model."""
         return replace(self, energy=energy, y=y)
 
+    def of_material(self, m: np.ndarray) -> "Scene":
+        """The same motion in an object whose parameters are m (N, P)."""
+        other = replace(self, energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
+        other.__dict__["F"] = self.F  # it belongs to the motion
+        return other
+
     @property
     def cloud(self) -> RestCloud:
         """The rest shape."""

@@ -38,6 +38,7 @@ class Cause:
     name = ""
     sentence = ""
     parameters: tuple[Parameter, ...] = ()
+    material = False  # whether the change is proportional to the material's parameters mu, lam
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""

@@ -198,8 +198,9 @@ class GravityDirection(Cause):
 
 
 def _at(scene: Scene, time: np.ndarray) -> np.ndarray:
-    """The nominal forces at other times (T, N, 3) [N], held at their first and last values outside."""
-    return CubicSpline(scene.time, scene.forces, axis=0)(np.clip(time, scene.time[0], scene.time[-1]))
+    """The nominal forces at other times (T, N, 3) [N], continued by at most a frame beyond both ends."""
+    first, last = scene.time[:2], scene.time[-2:]
+    return CubicSpline(scene.time, scene.forces, axis=0)(np.clip(time, 2 * first[0] - first[1], 2 * last[1] - last[0]))
 
 
 def _at_spot(scene: Scene, point: int) -> str:

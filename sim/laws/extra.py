@@ -1,0 +1,231 @@
+"""Laws to stand beside the Neo-Hookean one, each the energy that a cause adds and nothing at its null parameter.
+
+`I = I_c - 3 - 2 ln J` is twice the Neo-Hookean energy at mu = 1, lam = 0, `B = F - F^-T` its stress; I and B vanish at
+rotations only. `E = (F^T F - 1) / 2` is the Green strain. All are isotropic but for `Fibre` and `EigenStrain`; all
+are linear in their parameters but for `GentStiffening.g`, the fibre's axis and the product of two parameters.
+"""
+
+import numpy as np
+import taichi as ti
+
+from sim.laws.neo_hookean import cofactor, cross, dpiola, piola, psi
+
+
+@ti.func
+def _invariant(F):
+    """I = I_c - 3 - 2 ln J; infinite where J <= 0."""
+    return 2.0 * psi(F, 1.0, 0.0)
+
+
+@ti.func
+def _green(F):
+    """E = (F^T F - 1) / 2."""
+    return 0.5 * (F.transpose() @ F - ti.Matrix.identity(ti.f64, 3))
+
+
+class YeohStiffening:
+    """`psi = mu beta/2 I^2`: mu [Pa], beta [-], null 0. The stress grows by the factor 1 + 2 beta I.
+
+    `P = 2 mu beta I B`, `dP[W] = 2 mu beta (2 (B:W) B + I dB[W])`. Yeoh's own term is C2 (I_1 - 3)^2 with
+    C2 = mu beta / 2.
+    """
+
+    parameters = ("mu", "beta")
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        return 0.5 * m[i, 0] * m[i, 1] * _invariant(F) ** 2
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        return (2.0 * m[i, 0] * m[i, 1] * _invariant(F)) * piola(F, 1.0, 0.0)
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        B = piola(F, 1.0, 0.0)
+        change = (2.0 * (B * W).sum()) * B + _invariant(F) * dpiola(F, W, 1.0, 0.0)
+        return (2.0 * m[i, 0] * m[i, 1]) * change
+
+
+@ti.func
+def _excess(x):
+    """(-ln(1 - x) - x) / x = x/2 + x^2/3 + ..., by the series where the difference would lose its digits."""
+    value = 0.0
+    if ti.abs(x) < 0.02:
+        tail = x * (1 / 5 + x * (1 / 6 + x * (1 / 7 + x * (1 / 8 + x / 9))))
+        value = x * (1 / 2 + x * (1 / 3 + x * (1 / 4 + tail)))
+    else:
+        value = (-ti.log(1.0 - x) - x) / x
+    return value
+
+
+class GentStiffening:
+    """Gent's law less the Neo-Hookean one, `psi = -mu/(2 g) ln(1 - g I) - mu/2 I`: mu [Pa], g = 1/J_m [-], null 0.
+
+    With x = g I: `P = mu x/(1 - x) B`, `dP[W] = mu (2 g (B:W)/(1 - x)^2 B + x/(1 - x) dB[W])`. It locks at I = 1/g,
+    beyond which the energy is infinite. Its slope in g at the null is Yeoh's in 2 beta: weak, the two are the same.
+    """
+
+    parameters = ("mu", "g")
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        invariant = _invariant(F)
+        x = m[i, 1] * invariant
+        value = ti.math.inf
+        if x < 1.0:
+            value = 0.5 * m[i, 0] * invariant * _excess(x)
+        return value
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        x = m[i, 1] * _invariant(F)
+        return (m[i, 0] * x / (1.0 - x)) * piola(F, 1.0, 0.0)
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        x = m[i, 1] * _invariant(F)
+        B = piola(F, 1.0, 0.0)
+        along = 2.0 * m[i, 1] * (B * W).sum() / (1.0 - x) ** 2
+        return m[i, 0] * (along * B + (x / (1.0 - x)) * dpiola(F, W, 1.0, 0.0))
+
+
+class VolumetricChange:
+    """`psi = w lam/2 (ln^2 J - (J - 1)^2)`: lam [Pa], w [-], null 0; at w = 1 the volume term lam/2 ln^2 J is left.
+
+    `P = w lam (ln J/J - (J - 1)) cof F`,
+    `dP[W] = w lam (((1 - ln J)/J^2 - 1) (cof F:W) cof F + (ln J/J - (J - 1)) cross(F, W))`. Stiffer than the base in
+    compression; soft beyond J = e at w = 1.
+    """
+
+    parameters = ("lam", "w")
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        J = F.determinant()
+        value = ti.math.inf
+        if J > 0:
+            value = 0.5 * m[i, 0] * m[i, 1] * (ti.log(J) ** 2 - (J - 1.0) ** 2)
+        return value
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        J = F.determinant()
+        return (m[i, 0] * m[i, 1] * (ti.log(J) / J - (J - 1.0))) * cofactor(F)
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        J, C = F.determinant(), cofactor(F)
+        bend = ((1.0 - ti.log(J)) / (J * J) - 1.0) * (C * W).sum()
+        return m[i, 0] * m[i, 1] * (bend * C + (ti.log(J) / J - (J - 1.0)) * cross(F, W))
+
+
+@ti.func
+def _lengthening(a, b):
+    """|b|^2 - |a|^2, exactly zero for b = a."""
+    return (b - a).dot(b + a)
+
+
+class Fibre:
+    """`psi = mu k/2 (|F a|^2 - |a|^2)^2`: mu [Pa], k [-], null 0, and the axis a at rest, a unit vector.
+
+    With s = |F a|^2 - |a|^2: `P = 2 mu k s (F a) a^T`, `dP[W] = 2 mu k (2 (Fa.Wa) F a + s W a) a^T`. Stiff along a
+    (k > 0), in tension and in compression.
+    """
+
+    parameters = ("mu", "k", "ax", "ay", "az")
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
+        return 0.5 * m[i, 0] * m[i, 1] * _lengthening(a, F @ a) ** 2
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
+        b = F @ a
+        return (2.0 * m[i, 0] * m[i, 1] * _lengthening(a, b)) * b.outer_product(a)
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
+        b, c = F @ a, W @ a
+        change = (2.0 * b.dot(c)) * b + _lengthening(a, b) * c
+        return (2.0 * m[i, 0] * m[i, 1]) * change.outer_product(a)
+
+
+class TensionCompression:
+    """`psi = mu alpha/3 (tr E)^3`: mu [Pa], alpha [-], null 0; alpha > 0 stiffens tension and softens compression.
+
+    `P = mu alpha (tr E)^2 F`, `dP[W] = mu alpha (2 tr E (F:W) F + (tr E)^2 W)`. For alpha < 0 the energy falls without
+    bound in tension.
+    """
+
+    parameters = ("mu", "alpha")
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        return m[i, 0] * m[i, 1] / 3.0 * (0.5 * (F.norm_sqr() - 3.0)) ** 3
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        return (m[i, 0] * m[i, 1] * (0.5 * (F.norm_sqr() - 3.0)) ** 2) * F
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        trace = 0.5 * (F.norm_sqr() - 3.0)
+        return (m[i, 0] * m[i, 1] * trace) * ((2.0 * (F * W).sum()) * F + trace * W)
+
+
+@ti.func
+def _eigen_strain(m: ti.template(), i):
+    """The symmetric A of point i."""
+    return ti.Matrix([[m[i, 1], m[i, 6], m[i, 5]], [m[i, 6], m[i, 2], m[i, 4]], [m[i, 5], m[i, 4], m[i, 3]]])
+
+
+class EigenStrain:
+    """`psi = c/2 |E - A|^2 - c/2 |A|^2 = c/2 |E|^2 - c A:E`: c [Pa], null 0, towards a strain A [-], (3, 3) symmetric.
+
+    `P = c F (E - A)`, `dP[W] = c (W (E - A) + F sym(F^T W))`. A is the viscous strain of a Maxwell branch, a permanent
+    set, or minus a prestress over c. At rest the stress is -c A, the one of these laws that does not vanish there.
+    """
+
+    parameters = ("c", "A00", "A11", "A22", "A12", "A02", "A01")
+
+    @staticmethod
+    def pack(c: np.ndarray | float, A: np.ndarray) -> np.ndarray:
+        """The parameters m (..., 7) of c (...) [Pa] and A (..., 3, 3)."""
+        parts = [A[..., r, s] for r, s in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+        return np.stack([np.broadcast_to(c, A.shape[:-2]), *parts], axis=-1)
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        E = _green(F)
+        return m[i, 0] * (0.5 * E.norm_sqr() - (E * _eigen_strain(m, i)).sum())
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        return m[i, 0] * (F @ (_green(F) - _eigen_strain(m, i)))
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        D = F.transpose() @ W
+        return m[i, 0] * (W @ (_green(F) - _eigen_strain(m, i)) + F @ (0.5 * (D + D.transpose())))

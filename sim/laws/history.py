@@ -1,0 +1,41 @@
+"""What a material remembers of its motion: a Maxwell branch its strain, a damaged one the largest load so far."""
+
+import numpy as np
+
+from sim.checks import as_array, require
+
+
+def green_strain(F: np.ndarray) -> np.ndarray:
+    """`E = (F^T F - 1) / 2` of F (..., 3, 3)."""
+    return (np.swapaxes(F, -1, -2) @ F - np.eye(3)) / 2
+
+
+def viscous_strain(E: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
+    """E_v (T, ...) of `tau E_v' = E - E_v` with E_v = 0 at the first frame, for strains E (T, ...) at times (T,) [s].
+
+    With x = step / tau and f = (1 - e^-x) / x: `E_v <- e^-x E_v + (f - e^-x) E_before + (1 - f) E_now`, exact for a
+    strain that is linear between the frames, whatever the step. Raises ValueError when time does not increase or
+    tau [s] is not positive.
+    """
+    time = as_array("time", time, (len(E),))
+    steps = np.diff(time)
+    require(bool((steps > 0).all()), "time", "increase from frame to frame", steps.min(initial=np.inf))
+    require(tau > 0, "tau", "be positive", tau)
+    out = np.zeros_like(E, dtype=float)
+    for t, x in enumerate(steps / tau, start=1):
+        decay, mean = np.exp(-x), -np.expm1(-x) / x
+        out[t] = decay * out[t - 1] + (mean - decay) * E[t - 1] + (1 - mean) * E[t]
+    return out
+
+
+def damage(F: np.ndarray, scale: float) -> np.ndarray:
+    """Mullins variable `D_t = 1 - exp(-max_{s<=t} I_s / scale)` in [0, 1), (T, ...), of a trajectory F (T, ..., 3, 3).
+
+    I = I_c - 3 - 2 ln J is the invariant of `sim.laws.extra`; at I = scale two thirds of the damage are done. Raises
+    ValueError when scale is not positive or an F is inside out.
+    """
+    require(scale > 0, "scale", "be positive", scale)
+    J = np.linalg.det(F)
+    require(bool((J > 0).all()), "F", "have J > 0 everywhere", J.min())
+    invariant = (F**2).sum(axis=(-2, -1)) - 3 - 2 * np.log(J)
+    return -np.expm1(-np.maximum.accumulate(np.maximum(invariant, 0.0), axis=0) / scale)

@@ -1,0 +1,104 @@
+"""Energies of the deformation gradient that stand beside the base material: what a law adds, when and where."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sim import runtime
+from sim.checks import as_array, require
+from sim.cloud import RestCloud
+from sim.dtypes import contiguous
+from sim.material import Material, MaterialTangent
+from sim.pattern import Pattern
+from sim.stencil import Stencil
+from sim.terms.base import mixed, per_frame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExtraLaw:
+    """`E_t = sum_i w_ti V_i psi(F_ti; m_ti)` for a law of sim/laws, added to the base material.
+
+    With the base's own law and a weight it changes the stiffness over time or place; `stabilised` then scales the
+    base's stabilisation too (m[..., 0] being its shear modulus), so that a weight that is the same everywhere scales
+    the whole elastic energy.
+    """
+
+    cloud: RestCloud
+    pattern: Pattern
+    law: Any
+    m: np.ndarray  # (N, P), or (1 or T, N, P) frame by frame
+    weight: np.ndarray | None = None  # (1 or T, N); None for one
+    stabilised: bool = False
+
+    def __post_init__(self) -> None:
+        runtime.ensure()
+        N, P = self.cloud.count, len(self.law.parameters)
+        m = np.asarray(self.m, float)
+        m = as_array("m", m[None] if m.ndim == 2 else m, (None, N, P))
+        weight = np.ones((1, N)) if self.weight is None else as_array("weight", self.weight, (None, N))
+        frames = {len(m), len(weight)} - {1}
+        require(len(frames) < 2, "m and weight", "have one row or equally many", sorted(frames))
+        object.__setattr__(self, "m", contiguous(m))
+        object.__setattr__(self, "weight", contiguous(weight))
+
+    def value(self, y: np.ndarray) -> np.ndarray:
+        """sum_i w V psi, (T,) [J]; infinite where the law is not defined, whatever the weight."""
+        energy = self._material_for(y).density(y)[0]
+        defined = np.isfinite(energy)
+        return np.where(defined.all(axis=1), np.where(defined, energy, 0.0).sum(axis=1), np.inf)
+
+    def gradient(self, y: np.ndarray) -> np.ndarray:
+        """`sum_i w_i V_i (dF_i/dy)^T : P_i`, (T, N, 3) [N]."""
+        return self._material_for(y).forces(y)[0]
+
+    def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> MaterialTangent:
+        """The Hessian, exact or, in the frames where `project` (T,) is set, with each point's tangent clamped.
+
+        The stabilisation stays as it is: with the base's it is positive for weights above -1.
+        """
+        material = self._material_for(y)
+        F = material.forces(y)[1]
+        frames = np.flatnonzero(project) if project is not None else np.zeros(0, int)
+        H = np.zeros((0, self.cloud.count, 3, 3, 3, 3))
+        if len(frames):
+            H = _clamped(material.frames(frames).tangents(F[frames]))
+        return MaterialTangent(material=material, F=F, frames=frames.astype(np.int32), projected=H)
+
+    def frames(self, index: np.ndarray) -> "ExtraLaw":
+        """The law with the parameters and weights of the chosen frames."""
+        other = replace(self, m=per_frame(self.m, index), weight=per_frame(self.weight, index))
+        other.__dict__["_material"] = self._material.frames(index)
+        return other
+
+    def between(self, frame: int, share: float) -> "ExtraLaw":
+        """The law with parameters and weights the `share` of the way from `frame` to the next."""
+        other = replace(self, m=mixed(self.m, frame, share), weight=mixed(self.weight, frame, share))
+        other.__dict__["_stencil"] = self._stencil  # it belongs to the cloud
+        return other
+
+    @cached_property
+    def _stencil(self) -> Stencil:
+        return Stencil(cloud=self.cloud, pattern=self.pattern)
+
+    @cached_property
+    def _material(self) -> Material:
+        stiffness = None
+        if self.stabilised:
+            stiffness = np.stack([self._stencil.stabilisation(mu) for mu in self.weight * self.m[:, :, 0]])
+        volume = self.weight * self.cloud.volume
+        return Material(stencil=self._stencil, law=self.law, m=self.m, volume=volume, stiffness=stiffness)
+
+    def _material_for(self, y: np.ndarray) -> Material:
+        rows = max(len(self.m), len(self.weight))
+        require(rows in (1, len(y)), "y", f"have as many frames as m and weight have rows, {rows}", len(y))
+        return self._material
+
+
+def _clamped(H: np.ndarray) -> np.ndarray:
+    """Tangents (S, N, 3, 3, 3, 3) with their negative eigenvalues set to zero, in numpy's 9 x 9 decomposition."""
+    rows = np.swapaxes(H, 3, 4).reshape(-1, 9, 9)  # H[r, c][e, d] to (r e), (c d)
+    values, vectors = np.linalg.eigh((rows + rows.swapaxes(1, 2)) / 2)
+    clamped = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.swapaxes(1, 2)
+    return np.ascontiguousarray(np.swapaxes(clamped.reshape(*H.shape), 3, 4))

@@ -1,0 +1,165 @@
+"""The diagnosis: fingerprints against re-solved equilibria, statistics against dense algebra, noise, and verdicts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sim_cases
+
+from sim.basis import Basis, FitOptions
+from sim.fit import Target
+from sim.lame import Lame
+from sim.newton import NewtonOptions, equilibrate
+from sim.terms.jet import Jet, jet_forces
+from veo_ti.diagnosis.causes import CATALOGUE
+from veo_ti.diagnosis.columns import Moments, directions_of, discretisation, moments
+from veo_ti.diagnosis.gain import measure_gain
+from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.score import Misfit, Statistics
+from veo_ti.diagnosis.verdict import judge
+from veo_ti.observation import Observation
+from veo_ti.scene import cloud_of, energy_of, target_of
+
+FRAMES, NOISE = 9, 2e-4
+TIGHT = NewtonOptions(tolerance=1e-10)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A jittered box under a jet that wanders and swells; what was seen is its own simulation with noise."""
+    x = sim_cases.points()
+    along = np.linspace(0.5, 0.95, FRAMES)
+    position = np.stack([along, np.full(FRAMES, 0.2), np.full(FRAMES, 1.0)], axis=1)
+    direction = np.tile([0.1, 0.3, -1.0], (FRAMES, 1)) / np.sqrt(1.1)
+    strength = 0.02 * np.array([0.0, 1, 2, 3, 2, 1, 2, 3, 1])
+    jet = Jet(position=position, direction=direction, force=strength, footprint=0.15)
+    observation = Observation(
+        points=np.repeat(x[None], FRAMES, axis=0), time=0.1 * np.arange(FRAMES), fixed=x[:, 0] < 1e-9, jet=jet,
+        mass=0.02, gravity=np.array([0, 0, -9.81]),
+    )  # fmt: skip
+    cloud = cloud_of(observation)
+    observation = replace(observation, forces=jet_forces(jet, cloud.x, cloud.area))
+    energy = energy_of(observation, cloud)
+    energy = energy.with_elastic(type(energy.elastic).neo_hookean(cloud, Lame(mu=1.0, lam=2.0)))
+    y = equilibrate(energy, observation.points, options=TIGHT).require_converged().y
+    noise = NOISE * np.random.default_rng(0).normal(size=y.shape)
+    observation = replace(observation, points=np.concatenate([y[:1], y[1:] + noise[1:]]))
+    train = np.ones(FRAMES, bool)
+    return Scene(observation=observation, energy=energy, y=y, target=target_of(observation), train=train)
+
+
+@pytest.fixture(scope="module")
+def basis(scene) -> Basis:
+    return Basis.of(scene.cloud, FitOptions(modes=6, ratio_modes=2), 1.0)
+
+
+def resolved(scene: Scene, cause, theta: np.ndarray, place) -> np.ndarray:
+    """What would be seen with the cause at theta, its history frozen at the scene's motion."""
+    change = cause.change(scene, theta, place)
+    extended = replace(scene.energy, terms=(*scene.energy.terms, *change.terms))
+    y = equilibrate(extended, scene.y, options=TIGHT).y
+    return y if change.observe is None else change.observe(y, np.arange(len(y)))
+
+
+@pytest.mark.parametrize("cause", CATALOGUE, ids=lambda c: c.name)
+def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause, scene, basis):
+    place, widths = list(cause.places(scene))[-1], cause.widths(scene)
+    zero = np.zeros(len(widths))
+    assert np.abs(resolved(scene, cause, zero, place) - scene.y).max() < 1e-9
+    directions = directions_of(cause, scene, place)
+    step = 2e-3 * widths[0] * np.eye(len(widths))[0]
+    slope = (resolved(scene, cause, step, place) - resolved(scene, cause, -step, place)) / (2 * step[0])
+    found = moments(scene, basis, np.zeros(10), (), directions, residual=slope)
+    # The fingerprint S and the slope agree when |S - slope|^2 = S.S - 2 S.slope + slope.slope vanishes.
+    A, b, c, _ = found.total
+    column = found.nuisances
+    gap = A[column, column] - 2 * b[column] + c
+    assert c > 0
+    assert gap < 1e-3 * c, f"fingerprint off by {np.sqrt(abs(gap) / c):.2%}"
+
+
+def test_every_cause_has_its_own_name_sentence_and_units():
+    assert len({cause.name for cause in CATALOGUE}) == len(CATALOGUE)
+    for cause in CATALOGUE:
+        assert cause.sentence.endswith(".") and cause.parameters
+        assert all(p.unit and p.sd > 0 for p in cause.parameters)
+
+
+def test_statistics_are_those_of_the_dense_covariance():
+    """Against Sigma = s2 I + J P J^T formed whole, from random columns."""
+    random = np.random.default_rng(0)
+    X, z = random.normal(size=(7, 40)), random.normal(size=40)
+    found = Moments(
+        A=(X @ X.T)[None], b=(X @ z)[None], c=np.array([z @ z]), count=np.array([40]), nuisances=3, modes=2
+    )
+    prior = np.array([0.5, 2.0, 1.0])
+    statistics = Statistics(moments=found, s2=0.3, prior=prior)
+    Sigma = 0.3 * np.eye(40) + X[:3].T @ (prior[:, None] * X[:3])
+    S = X[3:5]
+    assert statistics.inner(np.array([3, 4]), np.array([3, 4])) == pytest.approx(S @ np.linalg.solve(Sigma, S.T))
+    assert statistics.against(np.array([3, 4])) == pytest.approx(S @ np.linalg.solve(Sigma, z))
+
+
+def test_misfit_of_noise_is_small_and_of_a_smooth_error_large(scene, basis):
+    modes = basis.field.modes[:, :6]
+
+    def misfit(scene: Scene) -> Misfit:
+        found = moments(scene, basis, np.zeros(10), (), (), modes=modes)
+        return Statistics(moments=found, s2=NOISE**2, prior=basis.prior(0.2, 0.5)).misfit()
+
+    wave = 2 * NOISE * np.sin(3 * scene.cloud.x[:, :1]) * np.array([0, 1.0, 0])
+    wrong = replace(scene, target=replace(scene.target, y=scene.target.y + scene.moving * wave))
+    assert abs(misfit(scene).z) < 3.5
+    assert misfit(wrong).z > 8
+
+
+def test_noise_is_measured_beside_misfit_and_stray_points(scene, basis):
+    modes = basis.field.modes[:, :6]
+    plain = measure_noise(scene, modes)
+    assert plain.sigma == pytest.approx(NOISE, rel=0.1)
+    assert plain.correlation < 1.5 and plain.outlier_share == 0
+    bent = replace(scene, target=replace(scene.target, y=scene.target.y + scene.moving * 1e-3 * scene.cloud.x[:, :1]))
+    assert measure_noise(bent, modes).sigma == pytest.approx(NOISE, rel=0.15)
+    y = scene.target.y.copy()
+    stray = np.flatnonzero(scene.target.seen[4])[[3, 40]]
+    y[4, stray] += 30 * NOISE
+    found = measure_noise(replace(scene, target=replace(scene.target, y=y)), modes)
+    assert found.stray[4, stray].all()
+    assert found.stray.sum() <= 12  # neighbours of a stray point may look stray too
+    assert found.sigma == pytest.approx(NOISE, rel=0.1)
+
+
+def test_correlated_noise_is_counted_as_fewer_data(scene, basis):
+    modes, random = basis.field.modes[:, :6], np.random.default_rng(1)
+    smooth = np.einsum("ns,tsc->tnc", modes, random.normal(size=(FRAMES, 6, 3))) * NOISE / np.sqrt(6)
+    y = scene.target.y + scene.moving * smooth
+    assert measure_noise(replace(scene, target=replace(scene.target, y=y)), modes).correlation > 4
+
+
+def test_discretisation_columns_are_small_beside_the_motion(scene):
+    motion = np.linalg.norm(scene.y - scene.cloud.x)
+    for known in discretisation(scene):
+        assert 0 < np.linalg.norm(known.motion) < 0.5 * motion
+
+
+def test_gain_is_judged_on_held_out_frames_only():
+    random = np.random.default_rng(0)
+    truth = np.zeros((24, 30, 3))
+    target = Target(y=truth + 0.1 * random.normal(size=truth.shape), seen=np.ones((24, 30), bool))
+    train = np.arange(24) % 8 < 5
+    off = np.where(train[:, None, None], 5.0, 0.3) * np.ones_like(truth)
+    models = {"before": truth + off, "after": truth, "homogeneous": truth + 2 * off, "no_change": truth + off}
+    gain = measure_gain(target, train, models, 0.1)
+    assert gain.before_mm == pytest.approx(1e3 * np.hypot(0.3, 0.1), rel=0.05)
+    assert gain.after_mm == pytest.approx(100, rel=0.05)
+    low, high = gain.gained_mm[1:]
+    assert low <= gain.gained_mm[0] <= high and gain.confirmed
+    same = measure_gain(target, train, models | {"after": truth + off}, 0.1)
+    assert same.gained_mm == (0.0, 0.0, 0.0) and not same.confirmed
+    assert measure_gain(target, np.ones(24, bool), models, 0.1) is None
+
+
+def test_no_misfit_needs_no_candidates():
+    assert judge(Misfit(energy=110.0, mean=100.0, sd=10.0), ()).kind == "no_misfit"
+    assert judge(Misfit(energy=300.0, mean=100.0, sd=10.0), ()).kind == "unexplained"

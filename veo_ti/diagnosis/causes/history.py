@@ -1,0 +1,100 @@
+"""Causes in the material's history: what it went through, and how long ago, changes it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sim.laws.extra import EigenStrain
+from sim.laws.history import damage, viscous_strain
+from sim.laws.neo_hookean import NeoHookean
+from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.causes.material import extra, strain_energy
+from veo_ti.diagnosis.scene import Scene
+
+
+class StiffnessDrift(Cause):
+    """mu, lam become mu, lam (1 + d t / T)."""
+
+    name = "stiffness_drift"
+    sentence = "The whole object grows stiffer (or softer) with time, whatever the load."
+    parameters = (Parameter(name="drift", unit="1/session", sd=0.15),)
+    material = True
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """Growing evenly from the first frame to the last."""
+        t = (scene.time - scene.time[0]) / np.ptp(scene.time)
+        weight = theta[0] * np.repeat(t[:, None], scene.cloud.count, axis=1)
+        return extra(scene, NeoHookean, scene.energy.elastic.m, weight, stabilised=True)
+
+
+class Softening(Cause):
+    """psi becomes (1 - d D) psi, D = 1 - exp(-max I so far / I0) (Mullins)."""
+
+    name = "softening"
+    sentence = "The material grew softer where it was strained before, and stays so."
+    parameters = (Parameter(name="damage", unit="-", sd=0.25, positive=True),)
+    material = True
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The damage that the baseline's motion has done so far; I0 is its 90th percentile over the object."""
+        worst = strain_energy(scene).max(axis=0)
+        done = damage(scene.F, max(float(np.quantile(worst, 0.9)), 1e-9))
+        return extra(scene, NeoHookean, scene.energy.elastic.m, -theta[0] * done, stabilised=True)
+
+
+class Viscoelasticity(Cause):
+    """S += 2 g mu (E - E_v), tau dE_v/dt = E - E_v (standard linear solid)."""
+
+    name = "viscoelasticity"
+    sentence = "The material resists fast motion more than slow motion, and creeps after it."
+    parameters = (Parameter(name="share", unit="-", sd=0.3, positive=True),)
+    material = True
+
+    def untestable(self, scene: Scene) -> str | None:
+        """Four frames cannot show a history."""
+        return "too few frames to show a history" if len(scene.time) < 5 else None
+
+    def places(self, scene: Scene) -> Sequence[float]:
+        """Time constants [s] from one frame to a third of the measurement."""
+        return list(np.geomspace(np.median(np.diff(scene.time)), np.ptp(scene.time) / 3, 5))
+
+    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
+        """A branch whose viscous strain follows the simulated motion."""
+        E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2
+        return _eigenstrain(scene, 2 * theta[0] * scene.mu, viscous_strain(E, scene.time, place))
+
+    def describe(self, scene: Scene, place: float) -> str:
+        """The time constant."""
+        return f"with a time constant of {place:.3g} s"
+
+
+class PermanentSet(Cause):
+    """S -= 2 mu s E*, E* the strain at the largest load so far."""
+
+    name = "permanent_set"
+    sentence = "Part of the largest deformation so far stays when the load is gone."
+    parameters = (Parameter(name="share", unit="-", sd=0.1, positive=True),)
+    material = True
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """An unstressed strain that follows the largest strain each point has seen."""
+        E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2
+        size = np.linalg.norm(E, axis=(2, 3))
+        largest = np.maximum.accumulate(size, axis=0)
+        when = np.maximum.accumulate(np.where(size >= largest, np.arange(len(E))[:, None], 0), axis=0)
+        kept = theta[0] * np.take_along_axis(E, when[..., None, None], axis=0)
+        with_set, without = (_eigenstrain(scene, 2 * scene.mu, A).terms[0] for A in (kept, 0 * kept))
+        return Change(terms=(with_set, _minus(without)))
+
+
+def _minus(term: Any) -> Any:
+    """The same energy with the opposite sign."""
+    return type(term)(cloud=term.cloud, pattern=term.pattern, law=term.law, m=term.m, weight=-term.weight)
+
+
+def _eigenstrain(scene: Scene, stiffness: np.ndarray, A: np.ndarray) -> Change:
+    """psi = c/2 |E - A|^2 - c/2 |A|^2 with c (N,) [Pa] and unstressed strain A (T, N, 3, 3)."""
+    c = np.broadcast_to(stiffness, A.shape[:2])
+    parts = [A[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
+    return extra(scene, EigenStrain, np.stack([c, *parts], axis=2))

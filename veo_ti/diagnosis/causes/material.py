@@ -1,0 +1,83 @@
+"""Causes in the material: another law than the Neo-Hookean one."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sim.laws.extra import Fibre, VolumetricChange, YeohStiffening
+from sim.terms.material import ExtraLaw
+from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.scene import Scene
+
+AXES = 30
+
+
+def extra(
+    scene: Scene, law: Any, m: np.ndarray, weight: np.ndarray | None = None, *, stabilised: bool = False
+) -> Change:
+    """One more law beside the base material."""
+    pattern = scene.energy.elastic.pattern
+    term = ExtraLaw(cloud=scene.cloud, pattern=pattern, law=law, m=m, weight=weight, stabilised=stabilised)
+    return Change(terms=(term,))
+
+
+def strain_energy(scene: Scene) -> np.ndarray:
+    """I = I_c - 3 - 2 ln J of the simulated motion, (T, N): twice the shear energy over mu."""
+    J = np.linalg.det(scene.F)
+    return (scene.F**2).sum(axis=(2, 3)) - 3 - 2 * np.log(np.maximum(J, 1e-3))
+
+
+class StrainStiffening(Cause):
+    """psi += mu beta / 2 I^2, I = I_c - 3 - 2 ln J (Yeoh's second term)."""
+
+    name = "strain_stiffening"
+    sentence = "The material grows stiffer where it is strained."
+    parameters = (Parameter(name="beta", unit="-", sd=5.0, positive=True),)
+    material = True
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A tangent about three times as stiff where the strain is among the largest twentieth."""
+        return np.array([1 / max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6)])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The same beta everywhere."""
+        return extra(scene, YeohStiffening, np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1))
+
+
+class VolumetricLaw(Cause):
+    """lam/2 (J - 1)^2 becomes lam/2 [(1 - w)(J - 1)^2 + w ln^2 J]."""
+
+    name = "volumetric_law"
+    sentence = "The material resists a change of volume by another law than lam/2 (J - 1)^2."
+    parameters = (Parameter(name="share", unit="-", sd=1.0),)
+    material = True
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The same share everywhere."""
+        lam = scene.energy.elastic.m[:, 1]
+        return extra(scene, VolumetricChange, np.stack([lam, np.full_like(lam, theta[0])], axis=1))
+
+
+class FibreAnisotropy(Cause):
+    """psi += mu k / 2 (|F a|^2 - 1)^2."""
+
+    name = "fibre_anisotropy"
+    sentence = "The material is stiffer along one direction, as with fibres."
+    parameters = (Parameter(name="stiffness", unit="-", sd=1.0, positive=True),)
+    material = True
+
+    def places(self, scene: Scene) -> Sequence[np.ndarray]:
+        """Axes spread over the half sphere (Fibonacci points)."""
+        i = np.arange(AXES) + 0.5
+        z, turn = 1 - i / AXES, np.pi * (1 + 5**0.5) * i
+        return list(np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1))
+
+    def change(self, scene: Scene, theta: np.ndarray, place: np.ndarray) -> Change:
+        """One family of fibres along `place`."""
+        m = np.concatenate([scene.mu[:, None], np.tile([theta[0], *place], (len(scene.mu), 1))], axis=1)
+        return extra(scene, Fibre, m)
+
+    def describe(self, scene: Scene, place: np.ndarray) -> str:
+        """The axis."""
+        return "along ({:.2f}, {:.2f}, {:.2f})".format(*place)
