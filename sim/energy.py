@@ -109,7 +109,6 @@ class Tangent:
                 out += term.assembled(frames)
             else:
                 out[:, diagonal] += term.blocks[frames]
-                out += term.pairs
         out[:, fixed[pattern.rows] | fixed[pattern.indices]] = 0.0
         size = np.abs(out[:, diagonal]).max(initial=0.0)
         out[:, diagonal[fixed]] = size * np.eye(3)

@@ -114,7 +114,9 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     energy = energy.with_elastic(type(energy.elastic).neo_hookean(cloud, lame))
     rest = np.repeat(cloud.x[None], len(target.y), axis=0)
     right = -energy.gradient(rest)
-    u = solve_directly(energy.tangent(rest[:1]), Layout(pattern=energy.elastic.pattern), right[None])[0]
+    largest = np.argmax((right**2).sum(axis=(1, 2)), keepdims=True)
+    tangent = energy.frames(largest).tangent(rest[:1])
+    u = solve_directly(tangent, Layout(pattern=energy.elastic.pattern), right[None])[0]
     u = np.where(target.seen[..., None], u, 0.0)
     scale = (u * target.residual(rest)).sum() / (u**2).sum()
     return mu / max(float(scale), 1e-6)
@@ -194,8 +196,8 @@ def _result(energy: Energy, target: Target, basis: Basis, solver: LinearSolver, 
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
         lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(_variance(basis, covariance)),
-        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])), centre=basis.centre,
-        sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
+        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])),
+        centre=basis.centre, sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip
 
 

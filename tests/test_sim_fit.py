@@ -14,6 +14,7 @@ from sim.energy import Energy
 from sim.fit import Fit, Target, check_gradient, fit, guess_modulus
 from sim.lame import Lame
 from sim.newton import NewtonOptions, equilibrate
+from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
 
 NOISE = 0.05  # spacings
@@ -152,3 +153,12 @@ def test_unseen_points_do_not_enter_the_loss(few):
 def test_impossible_options_end_in_a_sentence(options):
     with pytest.raises(ValueError, match=f"{next(iter(options))} must"):
         FitOptions(**options)
+
+
+def test_first_guess_with_strings_that_are_not_always_seen(few):
+    energy, target = few
+    led = np.flatnonzero(~energy.fixed)[-3:]
+    seen = np.array([[True, False, True]] * len(FEW))
+    strings = Handles.relative(led, target.y[:, led], mu=1e4, spacing=energy.elastic.cloud.spacing, seen=seen)
+    led_energy = Energy.of(energy.elastic, [*energy.terms, strings], energy.fixed)
+    assert 1e2 < guess_modulus(led_energy, target) < 1e6

@@ -17,7 +17,13 @@ app = App(
 
 @app.command
 def run(
-    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, paper: bool = False
+    source: Annotated[str, Parameter(name="INPUT")],
+    *,
+    out: Path,
+    modes: int = 80,
+    every: int = 4,
+    paper: bool = False,
+    diagnose: bool = True,
 ) -> None:
     """Do everything that applies to INPUT, into one folder.
 
@@ -28,6 +34,7 @@ def run(
     modes: how finely the stiffness may vary.
     every: hold out one frame in so many.
     paper: use the paper's plain discretisation instead of the consistent one.
+    diagnose: also look for what the simulation gets wrong, and why.
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
@@ -35,7 +42,7 @@ def run(
 
         _show(run_beam(folder, out))
         return
-    _show(_identify(source, out, modes, every, paper))
+    _show(_identify(source, out, modes, every, paper, diagnose))
 
 
 @app.command
@@ -47,6 +54,37 @@ def identify(
     Parameters are those of `veo run`.
     """
     _show(_identify(source, out, modes, every, paper))
+
+
+@app.command
+def diagnose(
+    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4
+) -> None:
+    """Say what a simulation of INPUT gets wrong, which physical cause explains it, and what knowing it gains.
+
+    Parameters are those of `veo run`.
+    """
+    from veo_ti.commands import diagnose_source
+
+    _show(diagnose_source(source, out, modes=modes, every=every))
+
+
+@app.command
+def causes() -> None:
+    """List every cause that `veo diagnose` knows, with its parameters and their units."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from veo_ti.diagnosis.causes import CATALOGUE
+
+    table = Table(box=box.SIMPLE)
+    table.add_column("cause", no_wrap=True)
+    table.add_column("parameters", no_wrap=True)
+    table.add_column("what is wrong")
+    for cause in CATALOGUE:
+        table.add_row(cause.name, "\n".join(f"{p.name} [{p.unit}]" for p in cause.parameters), cause.sentence)
+    Console(markup=False).print(table)
 
 
 @app.command
@@ -125,10 +163,12 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
-def _identify(source: str, out: Path, modes: int, every: int, paper: bool) -> dict[str, object]:
+def _identify(
+    source: str, out: Path, modes: int, every: int, paper: bool, diagnosed: bool = False
+) -> dict[str, object]:
     from veo_ti.commands import identify_source
 
-    return identify_source(source, out, modes=modes, every=every, paper=paper)
+    return identify_source(source, out, modes=modes, every=every, paper=paper, diagnosed=diagnosed)
 
 
 def _show(result: dict[str, object]) -> None:

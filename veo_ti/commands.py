@@ -1,6 +1,6 @@
 """What the command line does: read, compute with a progress bar, write into a folder."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,20 +15,39 @@ from sim.cloud import CloudOptions
 from sim.fit import FitState
 from sim.terms.base import Term
 from sim.terms.contact import Contact, contact_alpha
+from veo_ti.diagnosis.causes import CATALOGUE
+from veo_ti.diagnosis.report import write_diagnosis
+from veo_ti.diagnosis.run import diagnose
 from veo_ti.evaluation import evaluate
-from veo_ti.identification import IdentifyOptions, identify
+from veo_ti.identification import Identification, IdentifyOptions, identify
 from veo_ti.interact import collider_of, force_of, vector
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
-from veo_ti.results import sentence, write_identification
+from veo_ti.results import remove_checkpoints, sentence, write_identification
 from veo_ti.store import SequenceWriter, read_sequence, writable_folder, write_json_atomic
 from veo_ti.view import animation, error_map, lame_map, save_picture, sensitivity_map, turntable
 
 console = Console(stderr=True)
 
 
-def identify_source(source: str, out: Path, *, modes: int, every: int, paper: bool) -> dict[str, object]:
-    """`veo identify`: metrics of the written folder."""
+def identify_source(
+    source: str, out: Path, *, modes: int, every: int, paper: bool, diagnosed: bool = False
+) -> dict[str, object]:
+    """`veo identify`, and with diagnosed `veo run`: metrics of the written folder, then with the diagnosis in them."""
+    result = _identified(source, out, modes, every, paper)
+    row = _paper_row(Path(source))
+    metrics = write_identification(result, result.observation, out, paper=row, last=not diagnosed)
+    console.print(sentence(metrics))
+    return {**metrics, "diagnosis": _diagnosed(result, out)} if diagnosed else metrics
+
+
+def diagnose_source(source: str, out: Path, *, modes: int, every: int) -> dict[str, object]:
+    """`veo diagnose`: the facts of the written folder."""
+    return _diagnosed(_identified(source, out, modes, every, paper=False), out)
+
+
+def _identified(source: str, out: Path, modes: int, every: int, paper: bool) -> Identification:
+    """The identified object; its checkpoints stay in `out`."""
     writable_folder(out)
     observation = Observation.load(source)
     cloud = CloudOptions(mode="paper" if paper else "consistent")
@@ -36,10 +55,16 @@ def identify_source(source: str, out: Path, *, modes: int, every: int, paper: bo
     frames, points = observation.points.shape[:2]
     console.print(f"{observation.name or source}: {points} points, {frames} frames")
     with _progress(options.fit.iterations) as advance:
-        result = identify(observation, options=options, checkpoints=out, progress=advance)
-    metrics = write_identification(result, observation, out, paper=_paper_row(Path(source)))
-    console.print(sentence(metrics))
-    return metrics
+        return identify(observation, options=options, checkpoints=out, progress=advance)
+
+
+def _diagnosed(result: Identification, out: Path) -> dict[str, object]:
+    with _waiting("diagnosis") as say:
+        found = diagnose(result, CATALOGUE, progress=say)
+    facts = write_diagnosis(found, out)
+    remove_checkpoints(out)
+    console.print(facts["sentence"])
+    return facts
 
 
 def _paper_row(source: Path) -> DistanceTable | None:
@@ -68,6 +93,15 @@ def _progress(most: int) -> Iterator:
             bar.update(task, completed=done, description=text)
 
         yield advance
+
+
+@contextmanager
+def _waiting(name: str) -> Iterator[Callable[[str], None]]:
+    """A spinner with the time that has passed, for work whose length nobody knows."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda text: bar.update(task, description=f"{name}: {text.replace('_', ' ')}")
 
 
 def evaluate_object(path: Path, source: str, out: Path) -> dict[str, object]:

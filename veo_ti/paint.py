@@ -1,4 +1,4 @@
-"""A plotter's picture painted in software, for machines without OpenGL: spheres, colour bar and words, nothing else."""
+"""A plotter's picture painted in software, for machines without OpenGL: spheres, arrows, colour bar and words."""
 
 import numpy as np
 import pyvista as pv
@@ -21,6 +21,8 @@ def paint(stage: pv.Plotter) -> np.ndarray:
     for actor in stage.actors.values():
         if isinstance(actor, vtkActor) and isinstance(actor.GetMapper(), vtkOpenGLSphereMapper):
             _paint_spheres(canvas, depth, stage, actor.GetMapper())
+        elif isinstance(actor, vtkActor):
+            _paint_triangles(canvas, depth, stage, actor)
     return _with_words(canvas.astype(np.uint8), stage)
 
 
@@ -42,6 +44,39 @@ def _paint_spheres(canvas: np.ndarray, depth: np.ndarray, stage: pv.Plotter, map
         shade = AMBIENT + DIFFUSE * np.maximum(0.0, right * LIGHT[0] + above * LIGHT[1] + toward * LIGHT[2])
         depth[block] = np.where(hit, distance, depth[block])
         canvas[block] = np.where(hit[..., None], np.minimum(255.0, shade[..., None] * colour), canvas[block])
+
+
+def _paint_triangles(canvas: np.ndarray, depth: np.ndarray, stage: pv.Plotter, actor: vtkActor) -> None:
+    """Flat triangles in the actor's one colour, with the light of the spheres."""
+    mesh = pv.wrap(actor.GetMapper().GetInput())
+    corners = mesh.faces.reshape(-1, 4)[:, 1:]
+    normals = np.cross(*(mesh.points[corners[:, i]] - mesh.points[corners[:, 0]] for i in (1, 2)))
+    light = np.abs(normals @ (LIGHT @ _axes(stage))) / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    colour = 255 * np.array(actor.GetProperty().GetColor())
+    seen = _project(stage, mesh.points)
+    for triangle, bright in zip(seen[corners], AMBIENT + DIFFUSE * light, strict=True):
+        low, high = triangle[:, :2].min(axis=0), triangle[:, :2].max(axis=0)
+        columns = np.arange(max(0, int(low[0])), min(canvas.shape[1], int(high[0]) + 2))
+        rows = np.arange(max(0, int(low[1])), min(canvas.shape[0], int(high[1]) + 2))
+        sides = np.column_stack([triangle[:, :2], np.ones(3)])
+        if abs(np.linalg.det(sides)) < 1e-9:
+            continue
+        grid = np.stack([*np.meshgrid(columns, rows), np.ones((len(rows), len(columns)))], axis=-1)
+        share = grid @ np.linalg.inv(sides)  # barycentric
+        distance = share @ triangle[:, 2]
+        block = np.ix_(rows, columns)
+        hit = (share > -1e-9).all(axis=-1) & (distance < depth[block])
+        depth[block] = np.where(hit, distance, depth[block])
+        canvas[block] = np.where(hit[..., None], np.minimum(255.0, bright * colour), canvas[block])
+
+
+def _axes(stage: pv.Plotter) -> np.ndarray:
+    """The camera's right, up and towards the eye, as rows (3, 3)."""
+    toward = np.array(stage.camera.position) - np.array(stage.camera.focal_point)
+    toward /= np.linalg.norm(toward)
+    right = np.cross(stage.camera.up, toward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), toward])
 
 
 def _colours(table: pv.LookupTable, values: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Curves over time, drawn without a display and written straight to a file."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,16 @@ def error_over_time(time: np.ndarray, model_mm: np.ndarray, homogeneous_mm: np.n
     measurement itself, dotted; load (T,) e.g. [N], on the right axis. Returns the path written (.png, .svg or .pdf).
     Raises ValueError on wrong shapes or NaN.
     """
-    time = as_array("time", time, (None,))
     curves = {"per-point material": (model_mm, MODEL, 2.4), "one homogeneous material": (homogeneous_mm, PLAIN, 1.6),
               "no change (rest pose)": (rest_mm, REST, 1.6)}
+    return curves_over_time(time, curves, held_out, noise_mm, path, load=load, load_label=load_label, title=title)
+
+
+def curves_over_time(time: np.ndarray, curves: Mapping[str, tuple[np.ndarray, str, float]], held_out: np.ndarray,
+                     noise_mm: float | None, path: str | Path, *, load: np.ndarray | None = None,
+                     load_label: str = "applied force [N]", title: str) -> Path:
+    """The same for any curves: label -> (error of each frame (T,) [mm], colour, line width)."""
+    time = as_array("time", time, (None,))
     figure = Figure(figsize=(9.0, 4.6), dpi=160, layout="constrained", facecolor=PAPER)
     axes = figure.add_subplot(facecolor=PAPER)
     _shade(axes, time, as_array("held_out", held_out, time.shape, bool))
@@ -36,6 +44,11 @@ def error_over_time(time: np.ndarray, model_mm: np.ndarray, homogeneous_mm: np.n
     if load is not None:
         _draw_load(axes, time, as_array("load", load, time.shape), load_label)
     _dress(axes, title)
+    return saved(figure, path)
+
+
+def saved(figure: Figure, path: str | Path) -> Path:
+    """Write a figure (.png, .svg or .pdf) without a display; the file is whole or absent."""
     with replacing(path) as partial:
         FigureCanvasAgg(figure).print_figure(partial)
     return Path(path)

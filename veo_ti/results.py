@@ -15,11 +15,13 @@ from veo_ti.view import error_map, frames_strip, lame_map, save_picture, sensiti
 
 
 def write_identification(
-    result: Identification, observation: Observation, folder: Path, *, paper: DistanceTable | None = None
-) -> dict[str, object]:
+    result: Identification, observation: Observation, folder: Path, *, paper: DistanceTable | None = None,
+    last: bool = True,
+) -> dict[str, object]:  # fmt: skip
     """Write object.vtkhdf, metrics.json, pictures and report.html into folder; returns the metrics.
 
-    paper: the row of the paper's Table 1, where the input holds the paper's own results.
+    paper: the row of the paper's Table 1, where the input holds the paper's own results. last: nothing follows that
+    may be interrupted, so the checkpoints go.
     """
     metrics = result.metrics
     if paper is not None:
@@ -33,9 +35,15 @@ def write_identification(
         _trust_section(result, metrics, pictures),
     ]
     write_report(folder / "report.html", f"Material of {observation.name or 'the object'}", sentence(metrics), sections)
+    if last:
+        remove_checkpoints(folder)
+    return metrics
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Delete what an interrupted identification would have gone on from."""
     for checkpoint in folder.glob("checkpoint_*.npz"):
         checkpoint.unlink()
-    return metrics
 
 
 def sentence(metrics: dict) -> str:

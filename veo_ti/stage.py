@@ -20,6 +20,7 @@ from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper  # noqa: E402
 
 INK = "#2b2d33"
 PAPER = "#fbfbf9"
+ARROW = "#2f4fa8"
 LIGHTS = (((-0.7, 0.9, 1.0), 0.70), ((1.0, 0.1, 0.8), 0.28), ((0.0, -1.0, 0.6), 0.12))  # camera frame, strength
 BAR_WIDTH = 26  # pixels
 
@@ -117,6 +118,18 @@ def add_spheres(
     actor.SetMapper(_sphere_mapper(cloud, radius, actor.mapper.lookup_table))
     stage.renderer.ResetCameraClippingRange()
     return cloud
+
+
+def add_arrows(stage: pv.Plotter, tails: np.ndarray, arrows: np.ndarray, *, thickness: float) -> None:
+    """Draw shaded arrows (M, 3) [m] from tails (M, 3); thickness [m] is the shaft's radius, less for short arrows."""
+    for tail, arrow in zip(tails, arrows, strict=True):
+        length = float(np.linalg.norm(arrow))
+        radius = min(thickness, 0.08 * length) / length
+        shape = pv.Arrow(start=tail, direction=arrow, scale=length, tip_length=min(0.35, 8 * radius),
+                         tip_radius=2.6 * radius, shaft_radius=radius, tip_resolution=24, shaft_resolution=16)
+        actor = stage.add_mesh(shape.triangulate(), color=ARROW, reset_camera=False, smooth_shading=False)
+        actor.prop.ambient, actor.prop.diffuse = 0.40, 0.70
+    stage.renderer.ResetCameraClippingRange()
 
 
 def repaint(stage: pv.Plotter, cloud: pv.PolyData, x: np.ndarray, values: np.ndarray, colours: Colours) -> None:

@@ -13,7 +13,6 @@ class PointBlocks:
     """A Hessian that couples no two points: blocks (T, N, 3, 3)."""
 
     blocks: np.ndarray
-    pairs: np.ndarray | float = 0.0
 
     def product(self, p: np.ndarray) -> np.ndarray:
         """H p, (T, N, 3)."""
@@ -21,10 +20,9 @@ class PointBlocks:
 
 
 class TermTangent(Protocol):
-    """The Hessian of a term: the product is all of it, the blocks serve preconditioners."""
+    """The Hessian of a term: its pointwise blocks (T, N, 3, 3) serve preconditioners, the product is all of it."""
 
-    blocks: np.ndarray  # (T, N, 3, 3) of single points
-    pairs: np.ndarray | float  # (M, 3, 3) of further pairs on the elastic pattern, the same in every frame; 0 for none
+    blocks: np.ndarray
 
     def product(self, p: np.ndarray) -> np.ndarray:
         """H p, (T, N, 3)."""

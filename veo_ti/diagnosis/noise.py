@@ -19,11 +19,7 @@ class Noise:
     sigma: float
     stray: np.ndarray
     correlation: float
-
-    @property
-    def outlier_share(self) -> float:
-        """Share of the observed points that are outliers."""
-        return float(self.stray.mean())
+    outlier_share: float  # of the observed points
 
 
 def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
@@ -38,7 +34,8 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     estimate = float(np.nanmedian(np.abs(e))) / 0.67449
     sigma = scene.target.sigma or estimate
     stray = seen & (np.nan_to_num(np.abs(e)).max(axis=2) > _STRAY * max(sigma, estimate))
-    return Noise(sigma=sigma, stray=stray, correlation=_correlation(scene, modes, sigma, stray))
+    share = float(stray.sum() / max(scene.target.seen.sum(), 1))
+    return Noise(sigma=sigma, stray=stray, correlation=_correlation(scene, modes, sigma, stray), outlier_share=share)
 
 
 def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -52,10 +52,17 @@ class Refit:
     converged: bool
     sentence: str
 
+    numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
+
     @property
-    def shown(self) -> np.ndarray:
+    def simulated(self) -> np.ndarray:
         """Simulated positions as tracking would show them, (T, N, 3) [m]."""
         return _seen(self.scene, _change(self.scene, self.cause, self.theta, self.place))
+
+    @property
+    def shown(self) -> np.ndarray:
+        """The prediction: simulated positions corrected by the discretisation's part, (T, N, 3) [m]."""
+        return self.simulated + self.numerics
 
 
 def refit(
@@ -140,10 +147,8 @@ def _cost(state: _State, model: Model, cause: Cause | None, place: Any, prior: n
     found = np.array([status is Status.CONVERGED for status in state.equilibrium.status])
     if not found[state.scene.train].all():
         return np.inf
-    alpha, scene = state.coefficients[model.basis.log_mu.shape[1] :], state.scene
-    r = _residual(state, model, cause, place)
-    for coefficient, known in zip(alpha, model.extra, strict=True):
-        r = r - coefficient * known.motion * (scene.target.seen & scene.train[:, None])[..., None]
+    counted = (state.scene.target.seen & state.scene.train[:, None])[..., None]
+    r = _residual(state, model, cause, place) - _numerics(state.coefficients, model) * counted
     full = np.concatenate([state.coefficients, state.theta])
     return float((r**2).sum() / (2 * model.s2) + (full**2 / prior).sum() / 2)
 
@@ -195,6 +200,12 @@ def _normal(state: _State, model: Model, cause: Cause | None, place: Any) -> Nor
     return Normal(A=A, b=b, c=c, count=count)
 
 
+def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:
+    """The discretisation's part of the motion, (T, N, 3) [m]."""
+    K = model.basis.log_mu.shape[1]
+    return sum((c * known.motion for c, known in zip(coefficients[K:], model.extra, strict=True)), 0.0)
+
+
 def _result(
     state: _State, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
     model: Model, gain: float,
@@ -209,6 +220,6 @@ def _result(
     sentence = "converged" if done else f"stopped {gain:.1f} nats before its best"
     return Refit(
         cause=cause, place=place, theta=state.theta, sd=np.sqrt(np.diagonal(found.covariance)[n:]), scene=state.scene,
-        without=state.without,
+        without=state.without, numerics=_numerics(found.mean[:n], model),
         coefficients=found.mean[:n], evidence=float(-lowest - occam), converged=bool(done), sentence=sentence,
     )  # fmt: skip

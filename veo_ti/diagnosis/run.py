@@ -20,6 +20,7 @@ from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
 BLOCKS = 8  # of training frames
+_DISCRETISATION = 0.3  # how much of the step to another discretisation ours may be off by
 _LEADERS = 3  # causes that are refitted
 _FAIR = 0.2  # share of the best score that a leader must reach
 
@@ -77,7 +78,7 @@ def diagnose(
     state = identification.fit.state
     say("discretisation")
     extra = discretisation(scene)
-    prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
+    prior = np.concatenate([basis.prior(state.length, state.amplitude), np.full(len(extra), _DISCRETISATION**2)])
     model = Model(basis=basis, prior=prior, s2=_counted(scene, noise, modes), extra=extra)
     say("baseline")
     start = np.concatenate([state.a, np.zeros(len(extra))])
@@ -152,7 +153,7 @@ def _round(
 def _taken_in(current: Refit) -> Refit:
     """A refit whose effect on the observation is taken out of the observation, so that the next cause stands alone."""
     scene = current.scene
-    target = replace(scene.target, y=scene.target.y - (current.shown - scene.y))
+    target = replace(scene.target, y=scene.target.y - (current.simulated - scene.y))
     return replace(current, scene=replace(scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0))
 
 
@@ -177,7 +178,7 @@ def scores_of(
     blocks[train] = np.arange(len(train)) * BLOCKS // len(train)
     found = moments(
         scene, model.basis, current.coefficients[:K], model.extra, directions,
-        residual=scene.target.residual(current.shown), modes=modes, blocks=blocks,
+        residual=scene.target.residual(current.simulated), modes=modes, blocks=blocks,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
     scores = [

@@ -38,6 +38,11 @@ class Verdict:
     sentence: str
 
 
+def _rejected(rival: Candidate, best: Candidate) -> bool:
+    """Whether what is left tells the two apart: nothing but noise under one, clear misfit under the other."""
+    return best.misfit.z < MISFIT and rival.misfit.z > 2 * MISFIT
+
+
 def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
     """The verdict on one round."""
     if misfit.z < MISFIT:
@@ -54,7 +59,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
         )  # fmt: skip
     best = accepted[0]
     margin = max(APART, APART_SHARE * best.gained)
-    rivals = [c for c in accepted[1:] if best.gained - c.gained < margin]
+    rivals = [c for c in accepted[1:] if best.gained - c.gained < margin and not _rejected(c, best)]
     if rivals:
         names = ", ".join(c.name for c in (best, *rivals))
         return Verdict(

@@ -38,6 +38,7 @@ class Cause:
     name = ""
     sentence = ""
     parameters: tuple[Parameter, ...] = ()
+    needs_load = False  # whether it is about the nominal forces
     material = False  # whether the change is proportional to the material's parameters mu, lam
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
@@ -46,6 +47,8 @@ class Cause:
 
     def untestable(self, scene: Scene) -> str | None:
         """Why this measurement cannot speak about the cause, in a sentence, or None."""
+        if self.needs_load and not scene.forces.any():
+            return "the measurement names no force"
         return None
 
     def places(self, scene: Scene) -> Sequence[Any]:

@@ -28,6 +28,7 @@ class ForceDirection(Cause):
     name = "force_direction"
     sentence = "The force points elsewhere than it was said to, by the same rotation in every frame."
     parameters = tuple(Parameter(name=f"turn_{a}", unit="rad", sd=0.07) for a in "xyz")
+    needs_load = True
 
     def places(self, scene: Scene) -> Sequence[Any]:
         """Turned on the spot; where the jet is known, also turned about the nozzle, which moves its footprint."""
@@ -53,6 +54,7 @@ class ForceOffset(Cause):
     name = "force_offset"
     sentence = "The force acts beside the place it was said to, by the same shift in every frame."
     parameters = tuple(Parameter(name=f"shift_{a}", unit="m", sd=0.01) for a in "xyz")
+    needs_load = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
@@ -91,6 +93,7 @@ class ForceTiming(Cause):
     name = "force_timing"
     sentence = "The force comes later (or earlier) than its time stamp."
     parameters = (Parameter(name="delay", unit="s", sd=0.02),)
+    needs_load = True
 
     def widths(self, scene: Scene) -> np.ndarray:
         """About one frame."""
@@ -107,6 +110,7 @@ class ClockDrift(Cause):
     name = "clock_drift"
     sentence = "The clock of the cameras and that of the force run at different speeds."
     parameters = (Parameter(name="rate", unit="-", sd=0.01),)
+    needs_load = True
 
     def widths(self, scene: Scene) -> np.ndarray:
         """About one frame over the whole measurement."""
@@ -123,6 +127,7 @@ class FollowerLoad(Cause):
     name = "follower_load"
     sentence = "The force turns and spreads with the surface it acts on instead of keeping its direction."
     parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True),)
+    needs_load = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """Carried along by the deformation of the baseline's motion."""
@@ -143,8 +148,9 @@ class HiddenForce(Cause):
         return scene.spots(SPOTS)
 
     def widths(self, scene: Scene) -> np.ndarray:
-        """A fifth of the largest load."""
-        return np.full(3, 0.2 * float(scene.total_force.max()))
+        """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
+        load = float(scene.total_force.max()) or float(np.median(scene.mu)) * scene.cloud.spacing**2
+        return np.full(3, 0.2 * load)
 
     def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
         """Spread over two spacings."""

@@ -1,0 +1,133 @@
+"""A diagnosis as numbers and words for programs: the content of `diagnosis.json`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.refit import Refit
+from veo_ti.diagnosis.run import Diagnosis, Round
+from veo_ti.diagnosis.score import Score
+from veo_ti.diagnosis.sentence import place, present, sentence
+from veo_ti.diagnosis.verdict import Candidate
+
+_FAR = 3.0  # widths of what is plausible: an effect that must be larger to be seen cannot be tested
+_WORTH_A_WORD = 3.0  # nats: what has as much for it was seen, whatever its size
+
+
+def facts(diagnosis: Diagnosis) -> dict[str, object]:
+    """Everything that was found, in SI units but for names that end in _mm; plain Python types only.
+
+    A number that is not finite becomes None.
+    """
+    first, last = diagnosis.rounds[0], diagnosis.rounds[-1]
+    after = last.verdict.causes[0].misfit if last.verdict.kind == "named" else last.misfit
+    return {
+        "verdict": diagnosis.verdict.kind,
+        "sentence": sentence(diagnosis),
+        "causes": _causes(diagnosis),
+        "ambiguous_with": _rivals(diagnosis),
+        "separating_experiment": None,
+        "ranking": _ranking(diagnosis),
+        "noise_mm": _plain(1e3 * diagnosis.noise.sigma),
+        "noise_correlation": _plain(diagnosis.noise.correlation),
+        "outlier_share": _plain(diagnosis.noise.outlier_share),
+        "misfit_z": _plain(first.misfit.z),
+        "misfit_z_after": _plain(after.z),
+        "rounds": [_round(r) for r in diagnosis.rounds],
+        "error_mm": _errors(diagnosis),
+        "seconds": _plain(diagnosis.seconds),
+    }
+
+
+def _causes(diagnosis: Diagnosis) -> list[dict[str, object]]:
+    """The named causes in order; where the first round cannot tell them apart, all that it may be."""
+    if diagnosis.verdict.kind == "ambiguous":
+        return [_cause(c, c.refit) for c in diagnosis.verdict.causes]
+    return [_cause(c, refit) for c, refit in zip(diagnosis.named, present(diagnosis), strict=True)]
+
+
+def _cause(candidate: Candidate, refit: Refit) -> dict[str, object]:
+    cause = refit.cause
+    return {
+        "name": cause.name, "sentence": cause.sentence, "place": place(refit),
+        "parameters": [
+            {
+                "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(value - 1.96 * sd),
+                "high": _plain(value + 1.96 * sd),
+            }
+            for p, value, sd in zip(cause.parameters, refit.theta, refit.sd, strict=True)
+        ],
+        "log_evidence_gain": _plain(candidate.gained), "explained": _plain(candidate.explained),
+        "converged": bool(refit.converged),
+    }  # fmt: skip
+
+
+def _rivals(diagnosis: Diagnosis) -> list[str]:
+    """Causes that could as well be the first one of `causes`."""
+    return [c.name for c in diagnosis.verdict.causes[1:]] if diagnosis.verdict.kind == "ambiguous" else []
+
+
+def _round(found: Round) -> dict[str, object]:
+    tried = [
+        {
+            "name": c.name, "log_evidence_gain": _plain(c.gained), "explained": _plain(c.explained),
+            "plausible": bool(c.plausible), "converged": bool(c.refit.converged), "place": place(c.refit),
+            "parameters": _values(c.refit.cause, c.refit.theta),
+        }
+        for c in found.candidates
+    ]  # fmt: skip
+    verdict = {"verdict": found.verdict.kind, "causes": [c.name for c in found.verdict.causes]}
+    return {**verdict, "misfit_z": _plain(found.misfit.z), "refitted": tried}
+
+
+def _ranking(diagnosis: Diagnosis) -> list[dict[str, object]]:
+    """Every cause of the catalogue: those that were scored, best first, then those that could not be."""
+    scored = [_scored(diagnosis, score) for score in diagnosis.rounds[0].scores]
+    nothing = {"log_bayes": None, "statistic": None, "keep": None, "place": "", "parameters": []}
+    return scored + [
+        {"name": name, **nothing, "testable": False, "why_not": reason} for name, reason in diagnosis.untestable.items()
+    ]
+
+
+def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
+    why_not = _hidden(diagnosis, score)
+    values = _values(score.cause, score.theta)
+    smallest = [{**value, "smallest_detectable": _plain(d)} for value, d in zip(values, score.detectable, strict=True)]
+    return {
+        "name": score.name, "log_bayes": _plain(score.log_bayes), "statistic": _plain(score.statistic),
+        "keep": _plain(score.keep), "place": score.cause.describe(diagnosis.baseline.scene, score.place),
+        "parameters": smallest, "testable": why_not is None, "why_not": why_not,
+    }  # fmt: skip
+
+
+def _hidden(diagnosis: Diagnosis, score: Score) -> str | None:
+    """Why a cause that was scored could not have been seen at any plausible size, or None."""
+    widths = score.cause.widths(diagnosis.baseline.scene)
+    if score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any():
+        return None
+    if score.keep < 0.3:
+        return f"a change of the material imitates it: only {score.keep:.0%} of its effect would be left to see"
+    return "at any plausible size its effect is lost in noise and in whatever else is wrong"
+
+
+def _values(cause: Cause, theta: Sequence[float] | np.ndarray) -> list[dict[str, object]]:
+    pairs = zip(cause.parameters, theta, strict=True)
+    return [{"name": p.name, "unit": p.unit, "value": _plain(value)} for p, value in pairs]
+
+
+def _errors(diagnosis: Diagnosis) -> dict[str, object] | None:
+    """Root mean square error per coordinate on the held-out frames."""
+    g = diagnosis.gain
+    if g is None:
+        return None
+    value, low, high = g.gained_mm
+    return {
+        "homogeneous": _plain(g.homogeneous_mm), "refit_only": _plain(g.before_mm), "after": _plain(g.after_mm),
+        "hold_residual": _plain(g.hold_residual_mm), "no_change": _plain(g.no_change_mm),
+        "gained": {"value": _plain(value), "low": _plain(low), "high": _plain(high)},
+    }  # fmt: skip
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

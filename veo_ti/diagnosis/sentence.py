@@ -1,0 +1,101 @@
+"""A diagnosis in one plain sentence: what is wrong, how big it is, and what knowing it gained."""
+
+import numpy as np
+
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.refit import Refit
+from veo_ti.diagnosis.run import Diagnosis
+
+_READABLE = {"m": (1e3, "mm"), "rad": (180 / np.pi, "degrees"), "s": (1e3, "ms"), "-": (1.0, "")}
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """What `diagnosis.json` and the page begin with."""
+    told = {"named": _named, "ambiguous": _ambiguous, "unexplained": _unexplained, "no_misfit": _nothing}
+    text = told[diagnosis.verdict.kind](diagnosis)
+    known = diagnosis.identification.object.force_scale_known
+    return text if known else f"{text} Forces are known up to scale only, so their sizes are relative."
+
+
+def words(name: str) -> str:
+    """A cause's name as it is read."""
+    return name.replace("_", " ")
+
+
+def amount(value: float, unit: str) -> str:
+    """A value with its unit, both as people read them; SI in."""
+    scale, readable = _READABLE.get(unit, (1.0, unit))
+    return f"{scale * value:.3g} {readable}".strip()
+
+
+def size(cause: Cause, theta: np.ndarray, sd: np.ndarray) -> str:
+    """How big a cause is: the length of a vector of parameters, else each parameter with its 95 % interval."""
+    names, units = [p.name for p in cause.parameters], [p.unit for p in cause.parameters]
+    stems = {name.rpartition("_")[0] for name in names}
+    if len(names) == 3 and len(set(units)) == len(stems) == 1:
+        return f"{stems.pop()} {amount(float(np.linalg.norm(theta)), units[0])}"
+    parts = zip(names, units, theta, sd, strict=True)
+    return ", ".join(f"{n} {amount(t, u).split(' ')[0]} ± {amount(1.96 * s, u)}" for n, u, t, s in parts)
+
+
+def place(refit: Refit) -> str:
+    """Where, or along which axis, or with which time constant; nothing for causes that are everywhere."""
+    return refit.cause.describe(refit.scene, refit.place)
+
+
+def present(diagnosis: Diagnosis) -> tuple[Refit, ...]:
+    """The named causes at their best known parameters: the last one was looked at more closely."""
+    refits = [c.refit for c in diagnosis.named]
+    return (*refits[:-1], diagnosis.final) if refits else ()
+
+
+def _of(refit: Refit) -> str:
+    where = place(refit)
+    return f"{', ' + where if where else ''} ({size(refit.cause, refit.theta, refit.sd)})"
+
+
+def _named(diagnosis: Diagnosis) -> str:
+    told = [refit.cause.sentence.rstrip(".") + _of(refit) for refit in present(diagnosis)]
+    return f"{'; besides: '.join(told)}; {_gained(diagnosis)}{_left(diagnosis)}."
+
+
+def _gained(diagnosis: Diagnosis) -> str:
+    g = diagnosis.gain
+    if g is None:
+        return "no frames were held out, so what knowing it gains was not measured"
+    change = f"from {g.before_mm:.2g} to {g.after_mm:.2g} mm (noise: {g.noise_mm:.2g} mm)"
+    if g.confirmed:
+        return f"with it, the error on held-out frames falls {change}"
+    return f"with it, the error on held-out frames goes {change}, which may be chance"
+
+
+def _left(diagnosis: Diagnosis) -> str:
+    last = diagnosis.rounds[-1].verdict
+    if last.kind == "unexplained":
+        return "; something else is still wrong, and no known cause explains it"
+    if last.kind == "ambiguous":
+        return f"; what is still wrong could be {' or '.join(words(c.name) for c in last.causes)}"
+    return ""
+
+
+def _ambiguous(diagnosis: Diagnosis) -> str:
+    told = [words(c.name) + _of(c.refit) for c in diagnosis.verdict.causes]
+    return f"The simulation is wrong beyond noise, and this measurement cannot tell the cause: {', or '.join(told)}."
+
+
+def _unexplained(diagnosis: Diagnosis) -> str:
+    tried = diagnosis.rounds[0].candidates
+    nearest = max(tried, key=lambda c: c.explained, default=None)
+    if nearest is None or nearest.explained <= 0:
+        return "The simulation is wrong beyond noise, and no known cause explains it."
+    return (
+        "The simulation is wrong beyond noise, and no known cause explains it well enough; the nearest is "
+        f"{words(nearest.name)}, with {nearest.explained:.0%} of what is wrong."
+    )
+
+
+def _nothing(diagnosis: Diagnosis) -> str:
+    return (
+        "Nothing is wrong that this measurement could show: the simulation is as close to it as its noise of "
+        f"{1e3 * diagnosis.noise.sigma:.2g} mm per coordinate allows."
+    )
