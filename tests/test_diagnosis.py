@@ -11,7 +11,8 @@ from sim.fit import Target
 from sim.lame import Lame
 from sim.newton import NewtonOptions, equilibrate
 from sim.terms.jet import Jet, jet_forces
-from veo_ti.diagnosis.causes import CATALOGUE
+from sim.terms.loads import AppliedForce
+from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
 from veo_ti.diagnosis.columns import Moments, directions_of, discretisation, moments
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.noise import measure_noise
@@ -62,7 +63,19 @@ def resolved(scene: Scene, cause, theta: np.ndarray, place) -> np.ndarray:
     return y if change.observe is None else change.observe(y, np.arange(len(y)))
 
 
-@pytest.mark.parametrize("cause", CATALOGUE, ids=lambda c: c.name)
+class SteadyWind(Cause):
+    """The cause of docs/diagnosis.md."""
+
+    name = "steady_wind"
+    sentence = "A steady wind blows along x on everything."
+    parameters = (Parameter(name="pressure", unit="Pa", sd=0.05),)
+
+    def change(self, scene, theta, place):
+        facing = np.abs(scene.cloud.area[:, :1]) / 2 * np.array([1.0, 0, 0])
+        return Change(terms=(AppliedForce(force=scene.moving * theta[0] * facing),))
+
+
+@pytest.mark.parametrize("cause", [*CATALOGUE, SteadyWind()], ids=lambda c: c.name)
 def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause, scene, basis):
     place, widths = list(cause.places(scene))[-1], cause.widths(scene)
     zero = np.zeros(len(widths))

@@ -23,7 +23,7 @@ def run(
     modes: int = 80,
     every: int = 4,
     paper: bool = False,
-    diagnose: bool = True,
+    diagnose: bool = False,
 ) -> None:
     """Do everything that applies to INPUT, into one folder.
 
@@ -34,7 +34,7 @@ def run(
     modes: how finely the stiffness may vary.
     every: hold out one frame in so many.
     paper: use the paper's plain discretisation instead of the consistent one.
-    diagnose: also look for what the simulation gets wrong, and why.
+    diagnose: also look for what the simulation gets wrong, and why (minutes more).
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):

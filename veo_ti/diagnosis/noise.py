@@ -21,6 +21,11 @@ class Noise:
     correlation: float
     outlier_share: float  # of the observed points
 
+    @property
+    def variance(self) -> float:
+        """At which smooth residuals count [m2]: correlated ones as fewer."""
+        return self.sigma**2 * self.correlation
+
 
 def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     """The noise from the residual of a scene; a given sigma is taken as it is.

@@ -83,7 +83,7 @@ def diagnose(
     say("baseline")
     start = np.concatenate([state.a, np.zeros(len(extra))])
     baseline = refit(scene, model, start)
-    floor = noise.sigma**2 * noise.correlation
+    floor = noise.variance
     reasons = {cause.name: cause.untestable(scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
     rounds, current = [], baseline
@@ -93,7 +93,10 @@ def diagnose(
         if verdict.kind != "named":
             break
         current = verdict.causes[0].refit
-        model = replace(model, s2=max(floor, _counted(_taken_in(current).scene, noise, modes)))
+        left = measure_noise(_taken_in(current).scene, modes)
+        noise = replace(noise, correlation=min(noise.correlation, left.correlation))
+        floor = noise.variance
+        model = replace(model, s2=_counted(_taken_in(current).scene, noise, modes))
         say(f"closer look at {current.cause.name}")
         current = refit(
             current.without, model, current.coefficients, cause=current.cause, place=current.place, theta=current.theta
@@ -132,7 +135,7 @@ def _counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
     """
     r, seen = scene.residual * scene.train[:, None, None], scene.target.seen & scene.train[:, None]
     square = float((r**2).sum() / (3 * seen.sum()))
-    return max(noise.sigma**2 * noise.correlation, square * design_effect(r, seen, modes))
+    return max(noise.variance, square * design_effect(r, seen, modes))
 
 
 def _round(
@@ -201,10 +204,13 @@ def _candidate(
     result = refit(
         current.scene, model, current.coefficients, cause=found.cause, place=found.place, theta=found.theta
     )
-    left = replace(scores_of(result, model, modes, ())[0], s2=floor).misfit()
+    statistics = scores_of(result, model, modes, ())[0]
+    left = replace(statistics, s2=floor).misfit()
+    # What the cause explains no longer passes for correlated noise.
+    sharper = min(floor, measure_noise(_taken_in(result).scene, modes).variance)
     positive = np.array([p.positive for p in found.cause.parameters])
     return Candidate(
-        refit=result, gained=result.evidence - current.evidence, misfit=left,
+        refit=result, gained=result.evidence - current.evidence, misfit=replace(statistics, s2=sharper).misfit(),
         explained=1 - left.excess / max(misfit.excess, 1e-300),
         plausible=bool((result.theta[positive] > 0).all()),
     )  # fmt: skip
