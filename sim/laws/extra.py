@@ -198,6 +198,12 @@ def _eigen_strain(m: ti.template(), i):
     return ti.Matrix([[m[i, 1], m[i, 6], m[i, 5]], [m[i, 6], m[i, 2], m[i, 4]], [m[i, 5], m[i, 4], m[i, 3]]])
 
 
+@ti.func
+def _initial_stress(m: ti.template(), i):
+    """The symmetric S of point i."""
+    return ti.Matrix([[m[i, 0], m[i, 5], m[i, 4]], [m[i, 5], m[i, 1], m[i, 3]], [m[i, 4], m[i, 3], m[i, 2]]])
+
+
 class EigenStrain:
     """`psi = c/2 |E - A|^2 - c/2 |A|^2 = c/2 |E|^2 - c A:E`: c [Pa], null 0, towards a strain A [-], (3, 3) symmetric.
 
@@ -229,3 +235,32 @@ class EigenStrain:
     def dpiola(F, W, m: ti.template(), i):
         D = F.transpose() @ W
         return m[i, 0] * (W @ (_green(F) - _eigen_strain(m, i)) + F @ (0.5 * (D + D.transpose())))
+
+
+class InitialStress:
+    """`psi = S:E`: a stress S [Pa] (second Piola-Kirchhoff, symmetric) that the reference pose carries, null 0.
+
+    `P = F S`, `dP[W] = W S`. At rest it does not vanish: it balances what loads the reference pose.
+    """
+
+    parameters = ("S00", "S11", "S22", "S12", "S02", "S01")
+
+    @staticmethod
+    def pack(S: np.ndarray) -> np.ndarray:
+        """The parameters m (..., 6) of S (..., 3, 3) [Pa]."""
+        return np.stack([S[..., r, s] for r, s in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))], axis=-1)
+
+    @staticmethod
+    @ti.func
+    def psi(F, m: ti.template(), i):
+        return (_green(F) * _initial_stress(m, i)).sum()
+
+    @staticmethod
+    @ti.func
+    def piola(F, m: ti.template(), i):
+        return F @ _initial_stress(m, i)
+
+    @staticmethod
+    @ti.func
+    def dpiola(F, W, m: ti.template(), i):
+        return W @ _initial_stress(m, i)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,17 @@ import numpy as np
 from sim.basis import Basis
 from sim.cloud import CloudOptions, RestCloud
 from sim.elastic import Elastic
+from sim.evidence import Normal
 from sim.lame import Lame
 from sim.sensitivity import parameter_forces, responses
 from veo_ti.diagnosis.causes.base import Cause, Change
+from veo_ti.diagnosis.causes.loads import ForceOffset
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 1e-3  # of a parameter's width: changes are linear in it or nearly so
 _OTHER_CLOUDS = (CloudOptions(neighbours=12), CloudOptions(neighbours=6), CloudOptions(stabilisation=3.0))
+_SHARE = 0.3  # of the step to another cloud that ours may be off by
+_PLACE = 0.1  # spacings that the load may be off by: nodal forces say where they act to a fraction of an element
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,10 +42,10 @@ class Direction:
 
 
 def directions_of(cause: Cause, scene: Scene, place: Any, theta: np.ndarray | None = None) -> list[Direction]:
-    """One direction a parameter, at the null or around theta."""
+    """One direction a parameter: around theta, or at the null, where a cause of known size is taken at that size."""
     widths = cause.widths(scene)
     if theta is None:
-        steps = _STEP * widths
+        steps = _STEP * widths if cause.known is None else np.array(cause.known)
         return [
             Direction(change=cause.change(scene, step * axis, place), scale=step)
             for step, axis in zip(steps, np.eye(len(steps)), strict=True)
@@ -108,20 +113,42 @@ class Known:
 
 
 def discretisation(scene: Scene) -> tuple[Known, ...]:
-    """How the motion changes with another choice of neighbours or stabilisation, to first order: our error's shape."""
+    """How the motion changes with another choice of neighbours or stabilisation, and with loads a fraction of a
+    spacing away, to first order: the shape of our error, each column in the size that is to be expected."""
     elastic, cloud = scene.energy.elastic, scene.cloud
     lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
     others = [
         Elastic.neo_hookean(RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=o), lame)
         for o in _OTHER_CLOUDS
     ]
-    ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1.0) for o in others]
+    ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1 / _SHARE) for o in others]
+    if scene.forces.any():
+        step = _PLACE * cloud.spacing
+        ways += [Direction(change=ForceOffset().change(scene, step * a, None), scale=1.0) for a in np.eye(3)]
 
     def forces(index: np.ndarray) -> np.ndarray:
         return np.stack([way.forces(scene, index) for way in ways], axis=1)
 
     motion = np.stack(list(responses(scene.energy, scene.y, forces)), axis=1)
     return tuple(Known(motion=m) for m in motion)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fingerprints:
+    """The columns themselves, X (M, 3 n) of the n points seen in each of some frames, in single precision."""
+
+    frames: np.ndarray
+    columns: tuple[np.ndarray, ...]
+
+    def normal(self, A: np.ndarray, residual: np.ndarray, seen: np.ndarray, at: np.ndarray) -> Normal:
+        """The data linearised with these columns around unknowns `at` (M,) where they leave a residual (T, N, 3)."""
+        b, c, count = np.zeros(len(at)), 0.0, 0
+        for t, X in zip(self.frames, self.columns, strict=True):
+            z = residual[t, seen[t]].ravel() + at @ X
+            b += X @ z
+            c += float(z @ z)
+            count += len(z)
+        return Normal(A=A, b=b, c=c, count=count)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,8 +166,9 @@ class Moments:
     count: np.ndarray
     nuisances: int
     modes: int
+    kept: Fingerprints
 
-    @property
+    @cached_property
     def total(self) -> tuple[np.ndarray, np.ndarray, float, int]:
         """All blocks together."""
         return self.A.sum(axis=0), self.b.sum(axis=0), float(self.c.sum()), int(self.count.sum())
@@ -157,12 +185,14 @@ def moments(
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
     blocks: np.ndarray | None = None,
+    keep: bool = False,
 ) -> Moments:
     """Solve for all fingerprints, frame by frame, and accumulate.
 
     a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
     material; residual (T, N, 3): default the scene's; modes (N, S):
-    smooth in space, paired with cosines in time over the training frames; blocks (T,): block of each frame.
+    smooth in space, paired with cosines in time over the training frames; blocks (T,): block of each frame;
+    keep: the columns too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
     blocks = np.zeros(len(scene.time), int) if blocks is None else blocks
@@ -172,7 +202,7 @@ def moments(
     nuisances, smooth = K + len(extra), 3 * modes.shape[1] * cosines.shape[1]
     width, count = nuisances + len(directions) + smooth, int(blocks.max()) + 1
     A, b = np.zeros((count, width, width)), np.zeros((count, width))
-    c, number = np.zeros(count), np.zeros(count, int)
+    c, number, kept = np.zeros(count), np.zeros(count, int), []
     forces = _all_forces(scene, basis, companion, pushing, frames)
     for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
         t, index = frames[n], frames[n : n + 1]
@@ -180,12 +210,36 @@ def moments(
             S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
         seen = scene.target.seen[t]
         X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
+        if keep:
+            kept.append(X[: len(S)].astype(np.float32))
         z = residual[t, seen].ravel() + a @ X[:K]
         A[blocks[t]] += X @ X.T
         b[blocks[t]] += X @ z
         c[blocks[t]] += z @ z
         number[blocks[t]] += len(z)
-    return Moments(A=A, b=b, c=c, count=number, nuisances=nuisances, modes=smooth)
+    prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
+    return Moments(A=A, b=b, c=c, count=number, nuisances=nuisances, modes=smooth, kept=prints)
+
+
+def moments_of(
+    kept: Fingerprints, a: np.ndarray, extra: int, residual: np.ndarray, seen: np.ndarray, modes: np.ndarray
+) -> Moments:
+    """The nuisances' first columns and the smooth modes against a residual, with fingerprints at hand.
+
+    a (K,): material coefficients; extra: how many further nuisances follow them.
+    """
+    rows, cosines = len(a) + extra, time_modes(len(kept.frames))
+    width = rows + 3 * modes.shape[1] * cosines.shape[1]
+    A, b, c, count = np.zeros((width, width)), np.zeros(width), 0.0, 0
+    for n, (t, own) in enumerate(zip(kept.frames, kept.columns, strict=True)):
+        X = np.concatenate([own[:rows], _waves(modes[seen[t]], cosines[n])])
+        z = residual[t, seen[t]].ravel() + a @ X[: len(a)]
+        A += X @ X.T
+        b += X @ z
+        c, count = c + float(z @ z), count + len(z)
+    return Moments(
+        A=A[None], b=b[None], c=np.array([c]), count=np.array([count]), nuisances=rows, modes=width - rows, kept=kept
+    )
 
 
 def _all_forces(

@@ -12,13 +12,14 @@ from sim.energy import Energy
 from sim.evidence import Normal, Posterior, posterior
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
 from veo_ti.diagnosis.causes.base import Cause, Change
-from veo_ti.diagnosis.columns import Known, directions_of, moments
+from veo_ti.diagnosis.columns import Fingerprints, Known, directions_of, moments
 from veo_ti.diagnosis.scene import Scene
 
 _STEPS = 5
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE = 1e-3  # of the cost, likewise
 _CAUTION = 1.5  # largest change of log mu in one step
+_KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
 
 
@@ -48,11 +49,28 @@ class Refit:
     scene: Scene  # under the extended energy
     without: Scene  # the same motion, before the cause joined the energy
     coefficients: np.ndarray  # (K + E,), material and discretisation
-    evidence: float  # log, up to a constant common to all causes
+    normal: Normal  # the data linearised at the end
+    prior: np.ndarray  # (K + E + d,) variances of all unknowns
+    kept: Fingerprints
     converged: bool
     sentence: str
-
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
+
+    def evidence(self, s2: float) -> float:
+        """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
+        return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
+
+    def taken_in(self) -> "Refit":
+        """The same with the cause as part of the model and of the observation, so that the next one stands alone."""
+        target = replace(self.scene.target, y=self.scene.target.y - (self.simulated - self.scene.y))
+        n, theta, given = len(self.coefficients), self.theta, self.normal
+        b = given.b[:n] - given.A[:n, n:] @ theta
+        c = given.c - 2 * given.b[n:] @ theta + theta @ given.A[n:, n:] @ theta
+        normal = Normal(A=given.A[:n, :n], b=b, c=float(c), count=given.count)
+        return replace(
+            self, scene=replace(self.scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
+            normal=normal, prior=self.prior[:n],
+        )  # fmt: skip
 
     @property
     def simulated(self) -> np.ndarray:
@@ -73,21 +91,25 @@ def refit(
     cause: Cause | None = None,
     place: Any = None,
     theta: np.ndarray | None = None,
+    shift: np.ndarray | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Refit:
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
-    History (viscous strain, damage) follows the previous step's motion. The discretisation enters linearly. A step
-    that raises the cost is shortened; where none lowers it, the fit ends as it stands and says so.
+    shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until it
+    costs less than none. History (viscous strain, damage)
+    follows the previous step's motion. The discretisation enters linearly. A step that raises the cost is shortened.
+    The fingerprints serve several steps; they are renewed where a step with old ones brings less than it promised.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     base = scene.energy
     widths = np.zeros(0) if cause is None else cause.widths(scene)
     prior = np.concatenate([model.prior, widths**2])
     solver = LinearSolver.of(base)
-    state, cost = _best_start(scene, base, model, solver, cause, place, theta, start, prior)
+    state, cost = _best_start(scene, base, model, solver, cause, place, theta, start, shift, prior)
+    line, fresh = _linearised(state, model, cause, place), True
     for step in range(_STEPS + 1):
-        normal = _normal(state, model, cause, place)
+        normal = line.normal(state, model, cause, place)
         full = np.concatenate([state.coefficients, state.theta])
         found = posterior(normal, prior, np.sqrt(model.s2))
         change = found.mean - full
@@ -95,12 +117,16 @@ def refit(
         if gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
             break
         smaller = _lower(state, cost, base, model, solver, cause, place, change, prior)
-        if smaller is None:
+        if smaller is None and fresh:
             break
-        state, cost = smaller
+        kept = smaller is not None and cost - smaller[1] > _KEPT * gain
+        state, cost = smaller or (state, cost)
+        if not kept:
+            line = _linearised(state, model, cause, place)
+        fresh = not kept
         if progress is not None:
             progress(cause.name if cause else "baseline")
-    return _result(state, cost, cause, place, found, prior, normal, model, gain)
+    return _result(state, cost, cause, place, found, prior, normal, line.kept, model, gain)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,37 +161,47 @@ def _solved(
     )  # fmt: skip
 
 
-def _residual(state: _State, model: Model, cause: Cause | None, place: Any) -> np.ndarray:
+def _residual(scene: Scene, cause: Cause | None, place: Any, theta: np.ndarray) -> np.ndarray:
     """Observed minus shown, without the discretisation's part, on the frames that train, (T, N, 3)."""
-    scene = state.scene
-    r = scene.target.residual(_seen(scene, _change(scene, cause, state.theta, place)))
+    r = scene.target.residual(_seen(scene, _change(scene, cause, theta, place)))
     return r * scene.train[:, None, None]
 
 
 def _cost(state: _State, model: Model, cause: Cause | None, place: Any, prior: np.ndarray) -> float:
-    """Minus the log posterior."""
+    """Minus the log posterior; infinite where an equilibrium that counts was not found."""
     found = np.array([status is Status.CONVERGED for status in state.equilibrium.status])
     if not found[state.scene.train].all():
         return np.inf
-    counted = (state.scene.target.seen & state.scene.train[:, None])[..., None]
-    r = _residual(state, model, cause, place) - _numerics(state.coefficients, model) * counted
-    full = np.concatenate([state.coefficients, state.theta])
+    return _cost_of(state.scene, state.theta, state.coefficients, model, cause, place, prior)
+
+
+def _cost_of(
+    scene: Scene, theta: np.ndarray, coefficients: np.ndarray, model: Model, cause: Cause | None, place: Any,
+    prior: np.ndarray,
+) -> float:  # fmt: skip
+    counted = (scene.target.seen & scene.train[:, None])[..., None]
+    r = _residual(scene, cause, place, theta) - _numerics(coefficients, model) * counted
+    full = np.concatenate([coefficients, theta])
     return float((r**2).sum() / (2 * model.s2) + (full**2 / prior).sum() / 2)
 
 
 def _best_start(
     scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    theta: np.ndarray, start: np.ndarray, prior: np.ndarray,
+    theta: np.ndarray, start: np.ndarray, shift: np.ndarray | None, prior: np.ndarray,
 ) -> tuple[_State, float]:  # fmt: skip
-    """The share of the score step that costs least: the first whose equilibria are found and that beats the next."""
-    best = None
-    for share in (1.0, 0.3, 0.0) if cause is not None else (1.0,):
-        state = _solved(scene, base, model, solver, cause, place, start, share * theta)
+    """The longest of a few shares of the score step that costs less than no step; no step where none does."""
+    if shift is None:
+        state = _solved(scene, base, model, solver, cause, place, start, theta)
+        return state, _cost(state, model, cause, place, prior)
+    most = float(np.abs(model.basis.log_mu @ shift[: model.basis.log_mu.shape[1]]).max())
+    longest = min(1.0, _CAUTION / max(most, 1e-12))
+    without = _cost_of(scene, np.zeros(0), start, model, None, None, model.prior)
+    for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
+        state = _solved(scene, base, model, solver, cause, place, start + share * shift, share * theta)
         cost = _cost(state, model, cause, place, prior)
-        if best is not None and best[1] <= cost and np.isfinite(best[1]):
+        if cost < without:
             break
-        best = (state, cost)
-    return best
+    return state, cost
 
 
 def _lower(
@@ -185,19 +221,29 @@ def _lower(
     return None
 
 
-def _normal(state: _State, model: Model, cause: Cause | None, place: Any) -> Normal:
-    """The linearised data at a state; its unknowns are the coefficients and theta themselves."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Line:
+    """Fingerprints that were solved for at one state and serve nearby."""
+
+    A: np.ndarray
+    kept: Fingerprints
+
+    def normal(self, state: _State, model: Model, cause: Cause | None, place: Any) -> Normal:
+        """The data linearised around a state; the unknowns are the coefficients and theta themselves."""
+        at = np.concatenate([state.coefficients, state.theta])
+        at[model.basis.log_mu.shape[1] : len(state.coefficients)] = 0.0  # the residual still holds their part
+        seen = state.scene.target.seen
+        return self.kept.normal(self.A, _residual(state.scene, cause, place, state.theta), seen, at)
+
+
+def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) -> _Line:
+    """Fresh fingerprints."""
     K, scene = model.basis.log_mu.shape[1], state.scene
     own = [] if cause is None else directions_of(cause, scene, place, state.theta)
-    r = _residual(state, model, cause, place)
     companion = (lambda other: cause.change(other, state.theta, place)) if cause and cause.material else None
-    found = moments(scene, model.basis, state.coefficients[:K], model.extra, own, companion=companion, residual=r)
-    A, b, c, count = found.total
-    if len(state.theta):  # z = r + J a + S theta
-        at = np.concatenate([np.zeros(len(state.coefficients)), state.theta])
-        c += float(2 * at @ b + at @ A @ at)
-        b = b + A @ at
-    return Normal(A=A, b=b, c=c, count=count)
+    a = state.coefficients[:K]
+    found = moments(scene, model.basis, a, model.extra, own, companion=companion, keep=True)
+    return _Line(A=found.total[0], kept=found.kept)
 
 
 def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:
@@ -208,18 +254,13 @@ def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:
 
 def _result(
     state: _State, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
-    model: Model, gain: float,
+    kept: Fingerprints, model: Model, gain: float,
 ) -> Refit:  # fmt: skip
-    """Laplace's evidence: minus the lowest cost of the linearised model, minus half the log of the Occam factor."""
     n = len(state.coefficients)
-    misfit = normal.c - 2 * normal.b @ found.mean + found.mean @ normal.A @ found.mean
-    lowest = misfit / (2 * model.s2) + (found.mean**2 / prior).sum() / 2
-    root = np.sqrt(prior)
-    occam = np.linalg.slogdet(np.eye(len(prior)) + root[:, None] * normal.A * root / model.s2)[1] / 2
     done = gain < max(_LEAST, 2 * _SHARE * cost)
-    sentence = "converged" if done else f"stopped {gain:.1f} nats before its best"
     return Refit(
         cause=cause, place=place, theta=state.theta, sd=np.sqrt(np.diagonal(found.covariance)[n:]), scene=state.scene,
-        without=state.without, numerics=_numerics(found.mean[:n], model),
-        coefficients=found.mean[:n], evidence=float(-lowest - occam), converged=bool(done), sentence=sentence,
+        without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior, kept=kept,
+        converged=bool(done), sentence="converged" if done else f"stopped {gain:.1f} nats before its best",
+        numerics=_numerics(found.mean[:n], model),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from sim.basis import Basis
 from sim.evidence import design_effect
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.columns import Direction, directions_of, discretisation, moments
+from veo_ti.diagnosis.columns import Direction, directions_of, discretisation, moments, moments_of
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.refit import Model, Refit, refit
@@ -20,9 +20,9 @@ from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
 BLOCKS = 8  # of training frames
-_DISCRETISATION = 0.3  # how much of the step to another discretisation ours may be off by
 _LEADERS = 3  # causes that are refitted
 _FAIR = 0.2  # share of the best score that a leader must reach
+_CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit
 
 Progress = Callable[[str], None]
 
@@ -78,7 +78,7 @@ def diagnose(
     state = identification.fit.state
     say("discretisation")
     extra = discretisation(scene)
-    prior = np.concatenate([basis.prior(state.length, state.amplitude), np.full(len(extra), _DISCRETISATION**2)])
+    prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
     model = Model(basis=basis, prior=prior, s2=_counted(scene, noise, modes), extra=extra)
     say("baseline")
     start = np.concatenate([state.a, np.zeros(len(extra))])
@@ -93,14 +93,10 @@ def diagnose(
         if verdict.kind != "named":
             break
         current = verdict.causes[0].refit
-        left = measure_noise(_taken_in(current).scene, modes)
+        left = measure_noise(current.taken_in().scene, modes)
         noise = replace(noise, correlation=min(noise.correlation, left.correlation))
         floor = noise.variance
-        model = replace(model, s2=_counted(_taken_in(current).scene, noise, modes))
-        say(f"closer look at {current.cause.name}")
-        current = refit(
-            current.without, model, current.coefficients, cause=current.cause, place=current.place, theta=current.theta
-        )
+        model = replace(model, s2=_counted(current.taken_in().scene, noise, modes))
         if not second or len(rounds) == 2:
             break
         open_causes = [cause for cause in open_causes if cause.name != current.cause.name]
@@ -110,8 +106,8 @@ def diagnose(
         gain=measure_gain(
             scene.target, scene.train, sigma=noise.sigma,
             models={
-                "before": baseline.shown, "after": current.shown, "homogeneous": identification.baseline.y,
-                "no_change": identification.rest.y,
+                "before": baseline.shown, "homogeneous": identification.baseline.y,
+                "after": current.shown + (scene.target.y - current.scene.target.y), "no_change": identification.rest.y,
             },
         ),
     )  # fmt: skip
@@ -142,22 +138,20 @@ def _round(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress
 ) -> Round:
     """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes."""
-    current = _taken_in(current)
+    current = current.taken_in()
     say("fingerprints of all causes")
     statistics, scores = scores_of(current, model, modes, causes)
     misfit = replace(statistics, s2=floor).misfit()
     if misfit.z < MISFIT:
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=judge(misfit, ()))
-    candidates = [_candidate(s, current, model, floor, modes, misfit, say) for s in _leaders(scores)]
+    tried = [_tried(s, current, model, modes, say) for s in _leaders(scores)]
+    # All are weighed at the noise that the best of them leaves: what it explains was no noise.
+    s2 = min([model.s2, *(own.s2 for _, own in tried)])
+    floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result, _ in tried)])
+    before = statistics_of(current, replace(model, s2=floor), modes).misfit()
+    candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result, _ in tried]
     candidates.sort(key=lambda c: -c.gained)
     return Round(misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=judge(misfit, candidates))
-
-
-def _taken_in(current: Refit) -> Refit:
-    """A refit whose effect on the observation is taken out of the observation, so that the next cause stands alone."""
-    scene = current.scene
-    target = replace(scene.target, y=scene.target.y - (current.simulated - scene.y))
-    return replace(current, scene=replace(scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0))
 
 
 def scores_of(
@@ -196,21 +190,39 @@ def _leaders(scores: Sequence[Score]) -> list[Score]:
     return [s for s in scores[:_LEADERS] if s.log_bayes > least]
 
 
-def _candidate(
-    found: Score, current: Refit, model: Model, floor: float, modes: np.ndarray, misfit: Misfit, say: Progress
-) -> Candidate:
-    """The cause refitted, and what is left of the misfit under it."""
+def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:
+    """The cause refitted, once more where it leaves less than was taken for noise, and the model with that noise."""
     say(f"refit with {found.name}")
+    shift = found.nuisances - current.coefficients
     result = refit(
-        current.scene, model, current.coefficients, cause=found.cause, place=found.place, theta=found.theta
+        current.scene, model, current.coefficients, cause=found.cause, place=found.place, theta=found.theta, shift=shift
     )
-    statistics = scores_of(result, model, modes, ())[0]
-    left = replace(statistics, s2=floor).misfit()
-    # What the cause explains no longer passes for correlated noise.
-    sharper = min(floor, measure_noise(_taken_in(result).scene, modes).variance)
-    positive = np.array([p.positive for p in found.cause.parameters])
+    left = result.taken_in().scene
+    closer = replace(model, s2=_counted(left, measure_noise(left, modes), modes))
+    if closer.s2 > _CLOSER * model.s2:
+        return result, model
+    say(f"closer look at {found.name}")
+    again = refit(
+        result.without, closer, result.coefficients, cause=found.cause, place=found.place, theta=result.theta
+    )
+    left = again.taken_in().scene
+    return again, replace(model, s2=min(closer.s2, _counted(left, measure_noise(left, modes), modes)))
+
+
+def _candidate(
+    result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit
+) -> Candidate:
+    """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
+    left = statistics_of(result, model, modes).misfit()
     return Candidate(
-        refit=result, gained=result.evidence - current.evidence, misfit=replace(statistics, s2=sharper).misfit(),
-        explained=1 - left.excess / max(misfit.excess, 1e-300),
-        plausible=bool((result.theta[positive] > 0).all()),
+        refit=result, gained=result.evidence(s2) - current.evidence(s2), misfit=left,
+        explained=1 - left.excess / max(before.excess, 1e-300), plausible=result.cause.plausible(result.theta),
     )  # fmt: skip
+
+
+def statistics_of(result: Refit, model: Model, modes: np.ndarray) -> Statistics:
+    """The nuisances and the smooth modes against what a refit leaves, with its own fingerprints."""
+    taken, K = result.taken_in(), model.basis.log_mu.shape[1]
+    residual = taken.scene.target.residual(taken.simulated) * taken.scene.train[:, None, None]
+    found = moments_of(result.kept, result.coefficients[:K], len(model.extra), residual, taken.scene.target.seen, modes)
+    return Statistics(moments=found, s2=model.s2, prior=model.prior)

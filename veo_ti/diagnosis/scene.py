@@ -8,6 +8,8 @@ import numpy as np
 from sim.cloud import RestCloud
 from sim.energy import Energy
 from sim.fit import Target
+from sim.sensitivity import responses
+from sim.vibration import Vibrations
 from veo_ti.observation import Observation
 from veo_ti.scene import forces_of
 
@@ -68,6 +70,23 @@ class Scene:
         if self.observation.mass is None:
             return None
         return self.observation.mass * self.cloud.volume / self.cloud.volume.sum()
+
+    @cached_property
+    def vibrations(self) -> Vibrations:
+        """Free vibrations of the object with the present material."""
+        return Vibrations.of(self.energy, self.mass)
+
+    @cached_property
+    def sag(self) -> np.ndarray:
+        """How the object's weight would deform it if its reference pose were free of stress, (N, 3) [m], linear."""
+        bare = Energy(elastic=self.energy.elastic, terms=(), fixed=self.energy.fixed)
+        weight = self.mass[:, None] * self.observation.gravity
+        return next(responses(bare, self.cloud.x[None], lambda index: weight[None, None].copy()))[0]
+
+    @cached_property
+    def velocity(self) -> np.ndarray:
+        """Of the simulated motion, (T, N, 3) [m/s]."""
+        return np.gradient(self.y, self.time, axis=0)
 
     @cached_property
     def residual(self) -> np.ndarray:

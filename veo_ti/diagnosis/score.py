@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
+from sim.evidence import Normal, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Moments
 
@@ -34,6 +35,13 @@ class Statistics:
         A, b, _, _ = self.moments.total
         n = self.moments.nuisances
         return (b[left] - A[left][:, :n] @ self._solve(b[:n])) / self.s2
+
+    def joint(self, columns: np.ndarray, widths: np.ndarray) -> np.ndarray:
+        """The most probable nuisances (n,) and parameters (d,) together."""
+        own = np.concatenate([np.arange(self.moments.nuisances), columns])
+        A, b, c, count = self.moments.total
+        normal = Normal(A=A[np.ix_(own, own)], b=b[own], c=c, count=count)
+        return posterior(normal, np.concatenate([self.prior, widths**2]), np.sqrt(self.s2)).mean
 
     def alone(self, columns: np.ndarray) -> np.ndarray:
         """|column|^2 / s2: what would be left if no nuisance took any of it."""
@@ -96,7 +104,7 @@ class Score:
     statistic: float  # u^T V^-1 u at the place
     keep: float  # share of the fingerprint that the nuisances cannot imitate
     detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
-    columns: np.ndarray  # of the moments
+    nuisances: np.ndarray  # (n,) the most probable ones beside theta
 
     @property
     def name(self) -> str:
@@ -114,7 +122,8 @@ def score(
     theta, sd, statistic, keep, detectable = results[best][1:]
     return Score(
         cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
-        log_bayes=float(logsumexp(evidence) - np.log(len(evidence))), columns=columns[best],
+        log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
+        nuisances=statistics.joint(columns[best], widths)[: statistics.moments.nuisances],
     )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ class Cause:
     parameters: tuple[Parameter, ...] = ()
     needs_load = False  # whether it is about the nominal forces
     material = False  # whether the change is proportional to the material's parameters mu, lam
+    known: tuple[float, ...] | None = None  # sizes (d,) the parameters have where the cause acts, if that is known
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""
@@ -58,6 +59,11 @@ class Cause:
     def describe(self, scene: Scene, place: Any) -> str:
         """The place in words, or nothing."""
         return ""
+
+    def plausible(self, theta: np.ndarray) -> bool:
+        """Whether physics allows these parameters."""
+        positive = np.array([p.positive for p in self.parameters])
+        return bool((theta[positive] > 0).all())
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Prior standard deviations (d,) of the parameters for this object."""

@@ -1,6 +1,6 @@
 """Every known cause, in the order in which `veo causes` lists them."""
 
-from veo_ti.diagnosis.causes import history, loads, material, measurement
+from veo_ti.diagnosis.causes import dynamics, history, loads, material, measurement, surroundings
 from veo_ti.diagnosis.causes.base import Cause
 
 CATALOGUE: tuple[Cause, ...] = (
@@ -11,6 +11,8 @@ CATALOGUE: tuple[Cause, ...] = (
     history.PermanentSet(),
     history.Softening(),
     history.StiffnessDrift(),
+    dynamics.Inertia(),
+    dynamics.Damping(),
     loads.ForceDirection(),
     loads.ForceOffset(),
     loads.ForceMagnitude(),
@@ -18,6 +20,9 @@ CATALOGUE: tuple[Cause, ...] = (
     loads.FollowerLoad(),
     loads.HiddenForce(),
     loads.HiddenTether(),
+    surroundings.HiddenContact(),
+    surroundings.SupportCompliance(),
+    surroundings.Prestress(),
     loads.GravityDirection(),
     measurement.CameraScale(),
     measurement.CorrespondenceSlip(),

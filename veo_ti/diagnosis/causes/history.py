@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.extra import EigenStrain
+from sim.laws.extra import EigenStrain, InitialStress
 from sim.laws.history import damage, viscous_strain
 from sim.laws.neo_hookean import NeoHookean
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
@@ -62,7 +62,8 @@ class Viscoelasticity(Cause):
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion."""
         E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2
-        return _eigenstrain(scene, 2 * theta[0] * scene.mu, viscous_strain(E, scene.time, place))
+        A = viscous_strain(E, scene.time, place)
+        return extra(scene, EigenStrain, EigenStrain.pack(2 * theta[0] * scene.mu, A))
 
     def describe(self, scene: Scene, place: float) -> str:
         """The time constant."""
@@ -70,7 +71,7 @@ class Viscoelasticity(Cause):
 
 
 class PermanentSet(Cause):
-    """S -= 2 mu s E*, E* the strain at the largest load so far."""
+    """S -= 2 mu s E*, with E* the strain at the largest load so far."""
 
     name = "permanent_set"
     sentence = "Part of the largest deformation so far stays when the load is gone."
@@ -83,18 +84,10 @@ class PermanentSet(Cause):
         size = np.linalg.norm(E, axis=(2, 3))
         largest = np.maximum.accumulate(size, axis=0)
         when = np.maximum.accumulate(np.where(size >= largest, np.arange(len(E))[:, None], 0), axis=0)
-        kept = theta[0] * np.take_along_axis(E, when[..., None, None], axis=0)
-        with_set, without = (_eigenstrain(scene, 2 * scene.mu, A).terms[0] for A in (kept, 0 * kept))
-        return Change(terms=(with_set, _minus(without)))
+        kept = np.take_along_axis(E, when[..., None, None], axis=0)
+        return initial_stress(scene, -2 * theta[0] * scene.mu[:, None, None] * kept)
 
 
-def _minus(term: Any) -> Any:
-    """The same energy with the opposite sign."""
-    return type(term)(cloud=term.cloud, pattern=term.pattern, law=term.law, m=term.m, weight=-term.weight)
-
-
-def _eigenstrain(scene: Scene, stiffness: np.ndarray, A: np.ndarray) -> Change:
-    """psi = c/2 |E - A|^2 - c/2 |A|^2 with c (N,) [Pa] and unstressed strain A (T, N, 3, 3)."""
-    c = np.broadcast_to(stiffness, A.shape[:2])
-    parts = [A[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))]
-    return extra(scene, EigenStrain, np.stack([c, *parts], axis=2))
+def initial_stress(scene: Scene, S: np.ndarray) -> Change:
+    """A stress (T, N, 3, 3) or (N, 3, 3) [Pa] that nothing relieves."""
+    return extra(scene, InitialStress, InitialStress.pack(S))

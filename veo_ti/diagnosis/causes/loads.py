@@ -158,7 +158,7 @@ class HiddenForce(Cause):
 
     def describe(self, scene: Scene, place: int) -> str:
         """Where."""
-        return _at_spot(scene, place)
+        return at_spot(scene, place)
 
 
 class HiddenTether(Cause):
@@ -184,7 +184,7 @@ class HiddenTether(Cause):
 
     def describe(self, scene: Scene, place: int) -> str:
         """Where."""
-        return _at_spot(scene, place)
+        return at_spot(scene, place)
 
 
 class GravityDirection(Cause):
@@ -209,6 +209,7 @@ def _at(scene: Scene, time: np.ndarray) -> np.ndarray:
     return CubicSpline(scene.time, scene.forces, axis=0)(np.clip(time, 2 * first[0] - first[1], 2 * last[1] - last[0]))
 
 
-def _at_spot(scene: Scene, point: int) -> str:
+def at_spot(scene: Scene, point: int) -> str:
+    """A place in words."""
     x, y, z = 1e3 * scene.cloud.x[point]
     return f"around ({x:.0f}, {y:.0f}, {z:.0f}) mm"

@@ -1,0 +1,87 @@
+"""Free vibrations about the rest shape, and how they follow a slow motion that excites them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from sim.checks import as_array, require
+from sim.energy import Energy
+from sim.linear import Layout
+from sim.runtime import serial_blas
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Vibrations:
+    """The lowest modes of `K phi = omega^2 M phi`, with `phi^T M phi = 1`."""
+
+    omega: np.ndarray  # (K,) [rad/s], ascending
+    shapes: np.ndarray  # (K, N, 3) [kg^-1/2]
+    mass: np.ndarray  # (N,) [kg]
+
+    @classmethod
+    def of(cls, energy: Energy, mass: np.ndarray, count: int = 24) -> "Vibrations":
+        """The `count` lowest modes of the elastic energy's Hessian at rest, with lumped masses (N,) [kg]."""
+        elastic = energy.elastic
+        mass = as_array("mass", mass, (elastic.cloud.count,))
+        require(bool((mass > 0).all()), "mass", "be positive at every point", mass.min())
+        free = np.flatnonzero(np.repeat(~energy.fixed, 3))
+        count = min(count, len(free) - 1)
+        bare = Energy(elastic=elastic, terms=(), fixed=energy.fixed)
+        blocks = bare.tangent(elastic.cloud.x[None]).assembled(slice(0, 1))[0]
+        layout = Layout(pattern=elastic.pattern)
+        weights = np.repeat(mass, 3)
+        with serial_blas():
+            factor = layout.factor(blocks)
+
+            def solve(right: np.ndarray) -> np.ndarray:
+                full = np.zeros(len(weights))
+                full[free] = right
+                return factor.solve(full)[free]
+
+            size = (len(free), len(free))
+            stiffness = layout.matrix(blocks)[free][:, free]
+            values, vectors = eigsh(
+                stiffness, k=count, M=sp.diags(weights[free]), sigma=0.0, v0=np.ones(len(free)),
+                OPinv=LinearOperator(size, matvec=solve, dtype=float),
+            )  # fmt: skip
+        shapes = np.zeros((count, len(weights)))
+        shapes[:, free] = vectors.T
+        return cls(omega=np.sqrt(values), shapes=shapes.reshape(count, -1, 3), mass=mass)
+
+    def lag(self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float) -> np.ndarray:
+        """What inertia adds to a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, N, 3) [m].
+
+        Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the
+        mass, the damping ratio zeta and p its coordinate in u, linear between frames; the sum of the x - p is
+        returned. Exact in time; linear about the rest shape. No mass, no lag.
+        """
+        if inertia <= 0:
+            return np.zeros_like(displacement)
+        p = np.einsum("kna,n,tna->tk", self.shapes, self.mass, displacement, optimize=True)
+        x = follow(self.omega / np.sqrt(inertia), damping, p, time)
+        return np.einsum("tk,kna->tna", x - p, self.shapes, optimize=True)
+
+
+def follow(omega: np.ndarray, zeta: float, p: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Damped oscillators `x'' + 2 zeta omega x' + omega^2 (x - p) = 0`, at rest at the first frame, (T, K).
+
+    p (T, K) is linear between the times (T,) [s], so each stretch has the closed form `x = p - 2 zeta/omega p' + e`
+    with e a free vibration.
+    """
+    zeta = zeta + 1e-6 if abs(zeta - 1) < 1e-6 else zeta  # the double root of critical damping has another form
+    root = np.sqrt(complex(zeta**2 - 1))
+    fast, slow = omega * (-zeta - root), omega * (-zeta + root)
+    x, v = np.zeros_like(p), np.zeros_like(omega)
+    x[0] = p[0]
+    for t, h in enumerate(np.diff(time)):
+        slope = (p[t + 1] - p[t]) / h
+        e, de = x[t] - p[t] + 2 * zeta / omega * slope, v - slope
+        grow, decay = np.exp(slow * h), np.exp(fast * h)
+        gap = slow - fast
+        end = (slow * decay - fast * grow) / gap * e + (grow - decay) / gap * de
+        speed = slow * fast * (decay - grow) / gap * e + (slow * grow - fast * decay) / gap * de
+        x[t + 1] = p[t + 1] - 2 * zeta / omega * slope + end.real
+        v = slope + speed.real
+    return x

@@ -1,0 +1,80 @@
+"""Free vibrations: a beam's closed form, oscillators against an integrator, and the lag against nonlinear dynamics."""
+
+import clouds
+import numpy as np
+import pytest
+import sim_cases
+from scipy.integrate import solve_ivp
+
+from sim.cloud import RestCloud
+from sim.dynamics import simulate
+from sim.elastic import Elastic
+from sim.energy import Energy
+from sim.lame import Lame
+from sim.newton import equilibrate
+from sim.terms.loads import AppliedForce
+from sim.vibration import Vibrations, follow
+
+TIME = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.7])  # [s]
+PATH = np.array([0.0, 1.0, -0.5, 0.2, 0.2, 0.0])
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.05, 0.7, 1.0, 2.5])
+def test_oscillator_follows_a_broken_line_as_an_integrator_does(zeta):
+    omega = np.array([3.0, 11.0])
+    x = follow(omega, zeta, np.repeat(PATH[:, None], 2, axis=1), TIME)
+    for k, w in enumerate(omega):
+
+        def slope(t, state, w=w):
+            return [state[1], -2 * zeta * w * state[1] - w**2 * (state[0] - np.interp(t, TIME, PATH))]
+
+        found = solve_ivp(slope, (0, TIME[-1]), [0, 0], t_eval=TIME, rtol=1e-9, atol=1e-11, max_step=0.01)
+        assert np.abs(x[:, k] - found.y[0]).max() < 1e-5
+
+
+def test_slender_beam_swings_at_the_frequency_of_euler_and_bernoulli():
+    """f = 1.8751^2 / (2 pi) sqrt(E I / (rho A L^4)) for nu = 0; shear makes the real one slower by about 1 %."""
+    length, width, young, density = 1.0, 0.08, 1e5, 1000.0
+    cloud = RestCloud.build(clouds.block((40, 5, 5), (length, width, width)))
+    energy = Energy.of(Elastic.neo_hookean(cloud, Lame(mu=young / 2, lam=1e-6 * young)), fixed=cloud.x[:, 0] < 1e-9)
+    found = Vibrations.of(energy, density * cloud.volume, count=3)
+    expected = 1.8751**2 * np.sqrt(young * width**2 / (12 * density * length**4))
+    assert found.omega[:2] == pytest.approx(expected, rel=0.05)
+    assert found.omega[0] == pytest.approx(found.omega[1], rel=1e-2)  # both ways across
+
+
+def test_modes_are_orthonormal_in_the_mass_and_leave_the_fixed_points(box):
+    energy, mass = box
+    found = Vibrations.of(energy, mass, count=8)
+    gram = np.einsum("kna,n,lna->kl", found.shapes, mass, found.shapes)
+    assert np.abs(gram - np.eye(8)).max() < 1e-9
+    assert (np.diff(found.omega) > -1e-9).all() and not found.shapes[:, energy.fixed].any()
+
+
+def test_lag_is_what_nonlinear_dynamics_adds_to_small_motions(box):
+    energy, mass = box
+    time = np.linspace(0, 3.0, 25)
+    force = np.zeros((25, energy.elastic.cloud.count, 3))
+    force[:, energy.elastic.cloud.x[:, 0] > 0.95, 2] = 1e-5 * np.clip(np.sin(4 * time), 0, None)[:, None]
+    loaded = Energy.of(energy.elastic, [AppliedForce(force=force)], energy.fixed)
+    slow = equilibrate(loaded, np.repeat(energy.elastic.cloud.x[None], 25, axis=0)).y
+    fast = simulate(loaded, time=time, mass=mass, substeps="auto").y
+    lag = Vibrations.of(loaded, mass, count=40).lag(slow - energy.elastic.cloud.x, time, inertia=1.0, damping=0.0)
+    assert np.linalg.norm(fast - slow - lag) < 0.05 * np.linalg.norm(fast - slow)
+    assert np.linalg.norm(fast - slow) > 0.1 * np.linalg.norm(slow - energy.elastic.cloud.x)
+
+
+def test_no_mass_no_lag_and_a_mass_must_be_positive(box):
+    energy, mass = box
+    found = Vibrations.of(energy, mass, count=4)
+    assert not found.lag(np.ones((6, len(mass), 3)), TIME, inertia=0.0, damping=0.1).any()
+    with pytest.raises(ValueError, match="mass must be positive"):
+        Vibrations.of(energy, 0 * mass)
+
+
+@pytest.fixture(scope="module")
+def box() -> tuple[Energy, np.ndarray]:
+    """A jittered clamped box of 1 Pa and 10 g: its slowest vibration takes some seconds."""
+    cloud = sim_cases.cloud()
+    energy = Energy.of(Elastic.neo_hookean(cloud, Lame(mu=1.0, lam=2.0)), fixed=cloud.x[:, 0] < 1e-9)
+    return energy, 0.05 * cloud.volume / cloud.volume.sum()
