@@ -1,5 +1,6 @@
 """Linear-Gaussian inference on accumulated normal equations: posterior, evidence, and the prior's own parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,6 +45,17 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
     misfit = (normal.c - normal.b @ mean) / sigma**2
     evidence = -0.5 * (normal.count * np.log(sigma**2) + logdet + misfit)
     return Posterior(mean=mean, covariance=covariance, evidence=float(evidence))
+
+
+def left_out(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
+    """Squared error (B,) of each part of the data under coefficients that the other parts chose."""
+    A, b = sum(p.A for p in parts), sum(p.b for p in parts)
+    errors = []
+    for p in parts:
+        rest = Normal(A=A - p.A, b=b - p.b, c=0.0, count=0.0)
+        m = posterior(rest, prior, sigma).mean
+        errors.append(p.c - 2 * m @ p.b + m @ p.A @ m)
+    return np.array(errors)
 
 
 def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8) -> float:

@@ -13,8 +13,9 @@ from sim.newton import NewtonOptions, equilibrate
 from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
-from veo_ti.diagnosis.columns import Fingerprints, Moments, directions_of, discretisation, moments
+from veo_ti.diagnosis.columns import directions_of, discretisation
 from veo_ti.diagnosis.gain import measure_gain
+from veo_ti.diagnosis.moments import Fingerprints, Moments, moments
 from veo_ti.diagnosis.noise import measure_noise
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Statistics

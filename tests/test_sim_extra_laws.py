@@ -8,10 +8,11 @@ from sim_cases import relative, taylor_rate
 
 from sim import runtime
 from sim.dtypes import Matrices1, Scalars1, Scalars2
-from sim.laws.extra import EigenStrain, Fibre, GentStiffening, TensionCompression, VolumetricChange, YeohStiffening
+from sim.laws.extra import Fibre, GentStiffening, TensionCompression, VolumetricChange, YeohStiffening
 from sim.laws.fields import MaterialFields
 from sim.laws.history import green_strain
 from sim.laws.neo_hookean import NeoHookean
+from sim.laws.reference import EigenStrain
 
 LAWS = {law.__name__: law for law in (
     YeohStiffening, GentStiffening, VolumetricChange, Fibre, TensionCompression, EigenStrain)}  # fmt: skip

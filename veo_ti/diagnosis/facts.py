@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.refit import Refit
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.run import Diagnosis, Round
 from veo_ti.diagnosis.score import Score
 from veo_ti.diagnosis.sentence import place, present, sentence

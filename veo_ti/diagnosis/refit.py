@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from sim.basis import Basis
-from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.evidence import Normal, Posterior, posterior
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
-from veo_ti.diagnosis.causes.base import Cause, Change
-from veo_ti.diagnosis.columns import Fingerprints, Known, directions_of, moments
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.columns import directions_of
+from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
+from veo_ti.diagnosis.moments import Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
 
 _STEPS = 5
@@ -21,66 +21,6 @@ _SHARE = 1e-3  # of the cost, likewise
 _CAUTION = 1.5  # largest change of log mu in one step
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Model:
-    """What stays the same in every refit: the material's basis, all prior variances, the variance of the noise."""
-
-    basis: Basis
-    prior: np.ndarray  # (K + E,) of the material's coefficients and of the discretisation columns
-    s2: float  # [m2]
-    extra: tuple[Known, ...]  # discretisation columns
-
-    def elastic(self, elastic: Elastic, a: np.ndarray) -> Elastic:
-        """The elastic energy with the material of coefficients a."""
-        lame = self.basis.lame(a)
-        return elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Refit:
-    """The most probable parameters of a cause (None: of the baseline) and what they are worth."""
-
-    cause: Cause | None
-    place: Any
-    theta: np.ndarray  # (d,)
-    sd: np.ndarray  # (d,)
-    scene: Scene  # under the extended energy
-    without: Scene  # the same motion, before the cause joined the energy
-    coefficients: np.ndarray  # (K + E,), material and discretisation
-    normal: Normal  # the data linearised at the end
-    prior: np.ndarray  # (K + E + d,) variances of all unknowns
-    kept: Fingerprints
-    converged: bool
-    sentence: str
-    numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
-
-    def evidence(self, s2: float) -> float:
-        """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
-        return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
-
-    def taken_in(self) -> "Refit":
-        """The same with the cause as part of the model and of the observation, so that the next one stands alone."""
-        target = replace(self.scene.target, y=self.scene.target.y - (self.simulated - self.scene.y))
-        n, theta, given = len(self.coefficients), self.theta, self.normal
-        b = given.b[:n] - given.A[:n, n:] @ theta
-        c = given.c - 2 * given.b[n:] @ theta + theta @ given.A[n:, n:] @ theta
-        normal = Normal(A=given.A[:n, :n], b=b, c=float(c), count=given.count)
-        return replace(
-            self, scene=replace(self.scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
-            normal=normal, prior=self.prior[:n],
-        )  # fmt: skip
-
-    @property
-    def simulated(self) -> np.ndarray:
-        """Simulated positions as tracking would show them, (T, N, 3) [m]."""
-        return _seen(self.scene, _change(self.scene, self.cause, self.theta, self.place))
-
-    @property
-    def shown(self) -> np.ndarray:
-        """The prediction: simulated positions corrected by the discretisation's part, (T, N, 3) [m]."""
-        return self.simulated + self.numerics
 
 
 def refit(
@@ -138,21 +78,13 @@ class _State:
     equilibrium: Equilibrium
 
 
-def _change(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
-    return Change() if cause is None else cause.change(scene, theta, place)
-
-
-def _seen(scene: Scene, change: Change) -> np.ndarray:
-    return scene.y if change.observe is None else change.observe(scene.y, np.arange(len(scene.y)))
-
-
 def _solved(
     scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
     coefficients: np.ndarray, theta: np.ndarray,
 ) -> _State:  # fmt: skip
     K = model.basis.log_mu.shape[1]
     energy = base.with_elastic(model.elastic(base.elastic, coefficients[:K]))
-    change = _change(scene.of_material(energy.elastic.m), cause, theta, place)
+    change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
     extended = replace(energy, terms=(*base.terms, *change.terms))
     equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
     return _State(
@@ -163,7 +95,7 @@ def _solved(
 
 def _residual(scene: Scene, cause: Cause | None, place: Any, theta: np.ndarray) -> np.ndarray:
     """Observed minus shown, without the discretisation's part, on the frames that train, (T, N, 3)."""
-    r = scene.target.residual(_seen(scene, _change(scene, cause, theta, place)))
+    r = scene.target.residual(shown_by(scene, change_of(scene, cause, theta, place)))
     return r * scene.train[:, None, None]
 
 
@@ -230,10 +162,15 @@ class _Line:
 
     def normal(self, state: _State, model: Model, cause: Cause | None, place: Any) -> Normal:
         """The data linearised around a state; the unknowns are the coefficients and theta themselves."""
-        at = np.concatenate([state.coefficients, state.theta])
-        at[model.basis.log_mu.shape[1] : len(state.coefficients)] = 0.0  # the residual still holds their part
+        at = _around(state, model)
         seen = state.scene.target.seen
         return self.kept.normal(self.A, _residual(state.scene, cause, place, state.theta), seen, at)
+
+
+def _around(state: _State, model: Model) -> np.ndarray:
+    at = np.concatenate([state.coefficients, state.theta])
+    at[model.basis.log_mu.shape[1] : len(state.coefficients)] = 0.0  # the residual still holds their part
+    return at
 
 
 def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) -> _Line:
@@ -260,7 +197,8 @@ def _result(
     done = gain < max(_LEAST, 2 * _SHARE * cost)
     return Refit(
         cause=cause, place=place, theta=state.theta, sd=np.sqrt(np.diagonal(found.covariance)[n:]), scene=state.scene,
-        without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior, kept=kept,
+        without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior,
+        around=_around(state, model), kept=kept,
         converged=bool(done), sentence="converged" if done else f"stopped {gain:.1f} nats before its best",
         numerics=_numerics(found.mean[:n], model),
     )  # fmt: skip

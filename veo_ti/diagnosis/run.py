@@ -9,13 +9,15 @@ import numpy as np
 from sim.basis import Basis
 from sim.evidence import design_effect
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.columns import Direction, directions_of, discretisation, moments, moments_of
+from veo_ti.diagnosis.columns import Direction, directions_of, discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
+from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.moments import moments, moments_of
 from veo_ti.diagnosis.noise import Noise, measure_noise
-from veo_ti.diagnosis.refit import Model, Refit, refit
+from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
-from veo_ti.diagnosis.verdict import MISFIT, Candidate, Verdict, judge
+from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, Candidate, Verdict, judge, stands, unexplained
 from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
@@ -100,6 +102,9 @@ def diagnose(
         if not second or len(rounds) == 2:
             break
         open_causes = [cause for cause in open_causes if cause.name != current.cause.name]
+    named = [r.verdict.causes[0] for r in rounds if r.verdict.kind == "named"]
+    if named and not stands(named):
+        rounds, current = [replace(rounds[0], verdict=unexplained(named[:1]))], baseline
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
         untestable={name: reason for name, reason in reasons.items() if reason}, seconds=time.perf_counter() - began,
@@ -174,7 +179,7 @@ def scores_of(
     blocks = np.full(len(scene.time), -1)
     blocks[train] = np.arange(len(train)) * BLOCKS // len(train)
     found = moments(
-        scene, model.basis, current.coefficients[:K], model.extra, directions,
+        scene, model.basis, current.around[:K], model.extra, directions,
         residual=scene.target.residual(current.simulated), modes=modes, blocks=blocks,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
@@ -187,7 +192,7 @@ def scores_of(
 
 def _leaders(scores: Sequence[Score]) -> list[Score]:
     least = max(1.5, _FAIR * scores[0].log_bayes)
-    return [s for s in scores[:_LEADERS] if s.log_bayes > least]
+    return [s for s in scores if s.log_bayes > least and s.keep > TESTABLE][:_LEADERS]
 
 
 def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:
@@ -202,20 +207,17 @@ def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: P
     if closer.s2 > _CLOSER * model.s2:
         return result, model
     say(f"closer look at {found.name}")
-    again = refit(
-        result.without, closer, result.coefficients, cause=found.cause, place=found.place, theta=result.theta
-    )
+    again = refit(result.without, closer, result.coefficients, cause=found.cause, place=found.place, theta=result.theta)
     left = again.taken_in().scene
     return again, replace(model, s2=min(closer.s2, _counted(left, measure_noise(left, modes), modes)))
 
 
-def _candidate(
-    result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit
-) -> Candidate:
+def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
     left = statistics_of(result, model, modes).misfit()
+    predicted = (current.left_out(s2, BLOCKS) - result.left_out(s2, BLOCKS)) / (2 * s2)
     return Candidate(
-        refit=result, gained=result.evidence(s2) - current.evidence(s2), misfit=left,
+        refit=result, gained=result.evidence(s2) - current.evidence(s2), predicted=predicted, misfit=left,
         explained=1 - left.excess / max(before.excess, 1e-300), plausible=result.cause.plausible(result.theta),
     )  # fmt: skip
 
@@ -224,5 +226,5 @@ def statistics_of(result: Refit, model: Model, modes: np.ndarray) -> Statistics:
     """The nuisances and the smooth modes against what a refit leaves, with its own fingerprints."""
     taken, K = result.taken_in(), model.basis.log_mu.shape[1]
     residual = taken.scene.target.residual(taken.simulated) * taken.scene.train[:, None, None]
-    found = moments_of(result.kept, result.coefficients[:K], len(model.extra), residual, taken.scene.target.seen, modes)
+    found = moments_of(result.kept, result.around[:K], len(model.extra), residual, taken.scene.target.seen, modes)
     return Statistics(moments=found, s2=model.s2, prior=model.prior)

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from sim.evidence import Normal, posterior
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.columns import Moments
+from veo_ti.diagnosis.moments import Moments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

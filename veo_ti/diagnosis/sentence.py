@@ -3,7 +3,7 @@
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.refit import Refit
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.run import Diagnosis
 
 _READABLE = {"m": (1e3, "mm"), "rad": (180 / np.pi, "degrees"), "s": (1e3, "ms"), "-": (1.0, "")}

@@ -1,9 +1,10 @@
 """The verdict: what the scores and the refits allow to be said, with the thresholds in one place."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from veo_ti.diagnosis.refit import Refit
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
@@ -11,6 +12,8 @@ BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind
 EXPLAINED = 0.5  # share of the misfit's excess that a named cause must explain
+TOGETHER = 0.75  # share that all named causes must explain together
+TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,6 +22,7 @@ class Candidate:
 
     refit: Refit
     gained: float  # nats of evidence over the baseline
+    predicted: float  # nats by which it predicts training blocks better that were left out
     misfit: Misfit  # what is left under it
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
@@ -49,14 +53,10 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
         return Verdict(
             kind="no_misfit", causes=(), sentence="The simulation is as good as the measurement's noise allows."
         )
-    accepted = [c for c in candidates if c.gained > BETTER and c.plausible]
+    accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
     accepted.sort(key=lambda c: -c.gained)
     if not accepted or accepted[0].explained < EXPLAINED:
-        best = f" The nearest is {accepted[0].name}, which explains {accepted[0].explained:.0%}." if accepted else ""
-        return Verdict(
-            kind="unexplained", causes=(),
-            sentence=f"The simulation is wrong beyond noise, and no known cause explains most of it.{best}",
-        )  # fmt: skip
+        return unexplained(accepted[:1])
     best = accepted[0]
     margin = max(APART, APART_SHARE * best.gained)
     rivals = [c for c in accepted[1:] if best.gained - c.gained < margin and not _rejected(c, best)]
@@ -67,3 +67,15 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
             sentence=f"This measurement cannot tell these causes apart: {names}.",
         )  # fmt: skip
     return Verdict(kind="named", causes=(best,), sentence=best.refit.cause.sentence)
+
+
+def unexplained(nearest: Sequence[Candidate]) -> Verdict:
+    """Nothing known explains most of it; what comes nearest is mentioned, not named."""
+    near = "".join(f" The nearest is {c.name}, which explains {c.explained:.0%}." for c in nearest)
+    sentence = f"The simulation is wrong beyond noise, and no known cause explains most of it.{near}"
+    return Verdict(kind="unexplained", causes=(), sentence=sentence)
+
+
+def stands(causes: Sequence[Candidate]) -> bool:
+    """Whether the causes named one after the other explain enough together for any of them to be named."""
+    return 1 - math.prod(1 - c.explained for c in causes) >= TOGETHER

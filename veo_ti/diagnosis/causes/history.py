@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.extra import EigenStrain, InitialStress
 from sim.laws.history import damage, viscous_strain
 from sim.laws.neo_hookean import NeoHookean
+from sim.laws.reference import EigenStrain, InitialStress
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene

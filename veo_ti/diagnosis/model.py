@@ -1,0 +1,91 @@
+"""The model that a cause joins, and what a fit of it found."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim.basis import Basis
+from sim.elastic import Elastic
+from sim.evidence import Normal, left_out, posterior
+from veo_ti.diagnosis.causes.base import Cause, Change
+from veo_ti.diagnosis.columns import Known
+from veo_ti.diagnosis.moments import Fingerprints
+from veo_ti.diagnosis.scene import Scene
+
+
+def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
+    """What a cause does at theta; nothing for none."""
+    return Change() if cause is None else cause.change(scene, theta, place)
+
+
+def shown_by(scene: Scene, change: Change) -> np.ndarray:
+    """The simulated positions as tracking would show them, (T, N, 3) [m]."""
+    return scene.y if change.observe is None else change.observe(scene.y, np.arange(len(scene.y)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """What stays the same in every refit: the material's basis, all prior variances, the variance of the noise."""
+
+    basis: Basis
+    prior: np.ndarray  # (K + E,) of the material's coefficients and of the discretisation columns
+    s2: float  # [m2]
+    extra: tuple[Known, ...]  # discretisation columns
+
+    def elastic(self, elastic: Elastic, a: np.ndarray) -> Elastic:
+        """The elastic energy with the material of coefficients a."""
+        lame = self.basis.lame(a)
+        return elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refit:
+    """The most probable parameters of a cause (None: of the baseline) and what they are worth."""
+
+    cause: Cause | None
+    place: Any
+    theta: np.ndarray  # (d,)
+    sd: np.ndarray  # (d,)
+    scene: Scene  # under the extended energy
+    without: Scene  # the same motion, before the cause joined the energy
+    coefficients: np.ndarray  # (K + E,), material and discretisation
+    normal: Normal  # the data linearised at the end
+    prior: np.ndarray  # (K + E + d,) variances of all unknowns
+    around: np.ndarray  # (K + E + d,) the unknowns there; zero for the discretisation, which the residual still holds
+    kept: Fingerprints
+    converged: bool
+    sentence: str
+    numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
+
+    def evidence(self, s2: float) -> float:
+        """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
+        return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
+
+    def left_out(self, s2: float, blocks: int) -> float:
+        """Squared error [m2] of all training blocks, each predicted by the others, linearised at the end of the fit."""
+        residual = self.scene.target.residual(self.simulated)
+        parts = self.kept.parts(residual, self.scene.target.seen, self.around, blocks)
+        return float(left_out(parts, self.prior, np.sqrt(s2)).sum())
+
+    def taken_in(self) -> "Refit":
+        """The same with the cause as part of the model and of the observation, so that the next one stands alone."""
+        target = replace(self.scene.target, y=self.scene.target.y - (self.simulated - self.scene.y))
+        n, theta, given = len(self.coefficients), self.theta, self.normal
+        b = given.b[:n] - given.A[:n, n:] @ theta
+        c = given.c - 2 * given.b[n:] @ theta + theta @ given.A[n:, n:] @ theta
+        normal = Normal(A=given.A[:n, :n], b=b, c=float(c), count=given.count)
+        return replace(
+            self, scene=replace(self.scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
+            normal=normal, prior=self.prior[:n], around=self.around[:n], kept=self.kept.first(n),
+        )  # fmt: skip
+
+    @property
+    def simulated(self) -> np.ndarray:
+        """Simulated positions as tracking would show them, (T, N, 3) [m]."""
+        return shown_by(self.scene, change_of(self.scene, self.cause, self.theta, self.place))
+
+    @property
+    def shown(self) -> np.ndarray:
+        """The prediction: simulated positions corrected by the discretisation's part, (T, N, 3) [m]."""
+        return self.simulated + self.numerics

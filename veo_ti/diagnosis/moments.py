@@ -1,0 +1,172 @@
+"""Fingerprints: how the observed positions answer to every nuisance and every cause, accumulated to small matrices."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sim.basis import Basis
+from sim.evidence import Normal
+from sim.lame import Lame
+from sim.sensitivity import parameter_forces, responses
+from veo_ti.diagnosis.causes.base import Change
+from veo_ti.diagnosis.columns import Direction, Known
+from veo_ti.diagnosis.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fingerprints:
+    """The columns themselves, X (M, 3 n) of the n points seen in each of some frames, in single precision."""
+
+    frames: np.ndarray
+    columns: tuple[np.ndarray, ...]
+
+    def first(self, rows: int) -> "Fingerprints":
+        """The first columns only."""
+        return Fingerprints(frames=self.frames, columns=tuple(X[:rows] for X in self.columns))
+
+    def normal(self, A: np.ndarray, residual: np.ndarray, seen: np.ndarray, at: np.ndarray) -> Normal:
+        """The data linearised with these columns around unknowns `at` (M,) where they leave a residual (T, N, 3)."""
+        b, c, count = np.zeros(len(at)), 0.0, 0
+        for t, X in zip(self.frames, self.columns, strict=True):
+            z = residual[t, seen[t]].ravel() + at @ X
+            b += X @ z
+            c += float(z @ z)
+            count += len(z)
+        return Normal(A=A, b=b, c=c, count=count)
+
+    def parts(self, residual: np.ndarray, seen: np.ndarray, at: np.ndarray, blocks: int) -> list[Normal]:
+        """The same for runs of frames apart, about equally many in each."""
+        parts = []
+        for some in np.array_split(np.arange(len(self.frames)), min(blocks, len(self.frames))):
+            own = Fingerprints(frames=self.frames[some], columns=tuple(self.columns[i] for i in some))
+            parts.append(own.normal(sum(X @ X.T for X in own.columns).astype(float), residual, seen, at))
+        return parts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moments:
+    """Inner products over the observed coordinates, per block of frames: A (B, M, M), b (B, M), c (B,), count (B,).
+
+    Rows of the first index are the nuisances (material coefficients, then discretisation), then all directions, then
+    the smooth modes in which misfit is looked for. b and c are with the residual z = r + sum a_k J_k, which the
+    linearised model has to explain.
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    count: np.ndarray
+    nuisances: int
+    modes: int
+    kept: Fingerprints
+
+    @cached_property
+    def total(self) -> tuple[np.ndarray, np.ndarray, float, int]:
+        """All blocks together."""
+        return self.A.sum(axis=0), self.b.sum(axis=0), float(self.c.sum()), int(self.count.sum())
+
+
+def moments(
+    scene: Scene,
+    basis: Basis,
+    a: np.ndarray,
+    extra: Sequence[Known],
+    directions: Sequence[Direction],
+    *,
+    companion: Callable[[Scene], Change] | None = None,
+    residual: np.ndarray | None = None,
+    modes: np.ndarray | None = None,
+    blocks: np.ndarray | None = None,
+    keep: bool = False,
+) -> Moments:
+    """Solve for all fingerprints, frame by frame, and accumulate.
+
+    a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
+    material; residual (T, N, 3): default the scene's; modes (N, S):
+    smooth in space, paired with cosines in time over the training frames; blocks (T,): block of each frame;
+    keep: the columns too, but for those of the modes.
+    """
+    frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
+    blocks = np.zeros(len(scene.time), int) if blocks is None else blocks
+    residual = scene.residual if residual is None else residual
+    modes = np.zeros((scene.cloud.count, 0)) if modes is None else modes
+    cosines, K, pushing = time_modes(len(frames)), len(a), [*extra, *directions]
+    nuisances, smooth = K + len(extra), 3 * modes.shape[1] * cosines.shape[1]
+    width, count = nuisances + len(directions) + smooth, int(blocks.max()) + 1
+    A, b = np.zeros((count, width, width)), np.zeros((count, width))
+    c, number, kept = np.zeros(count), np.zeros(count, int), []
+    forces = _all_forces(scene, basis, companion, pushing, frames)
+    for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
+        t, index = frames[n], frames[n : n + 1]
+        if pushing:
+            S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
+        seen = scene.target.seen[t]
+        X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
+        if keep:
+            kept.append(X[: len(S)].astype(np.float32))
+        z = residual[t, seen].ravel() + a @ X[:K]
+        A[blocks[t]] += X @ X.T
+        b[blocks[t]] += X @ z
+        c[blocks[t]] += z @ z
+        number[blocks[t]] += len(z)
+    prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
+    return Moments(A=A, b=b, c=c, count=number, nuisances=nuisances, modes=smooth, kept=prints)
+
+
+def moments_of(
+    kept: Fingerprints, a: np.ndarray, extra: int, residual: np.ndarray, seen: np.ndarray, modes: np.ndarray
+) -> Moments:
+    """The nuisances' first columns and the smooth modes against a residual, with fingerprints at hand.
+
+    a (K,): material coefficients; extra: how many further nuisances follow them.
+    """
+    rows, cosines = len(a) + extra, time_modes(len(kept.frames))
+    width = rows + 3 * modes.shape[1] * cosines.shape[1]
+    A, b, c, count = np.zeros((width, width)), np.zeros(width), 0.0, 0
+    for n, (t, own) in enumerate(zip(kept.frames, kept.columns, strict=True)):
+        X = np.concatenate([own[:rows], _waves(modes[seen[t]], cosines[n])])
+        z = residual[t, seen[t]].ravel() + a @ X[: len(a)]
+        A += X @ X.T
+        b += X @ z
+        c, count = c + float(z @ z), count + len(z)
+    return Moments(
+        A=A[None], b=b[None], c=np.array([c]), count=np.array([count]), nuisances=rows, modes=width - rows, kept=kept
+    )
+
+
+def _all_forces(
+    scene: Scene,
+    basis: Basis,
+    companion: Callable[[Scene], Change] | None,
+    pushing: Sequence[Direction | Known],
+    frames: np.ndarray,
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What every direction pushes with in chosen training frames, (n, K + directions, N, 3)."""
+    m = scene.energy.elastic.m
+    ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
+    soft = parameter_forces(scene.energy, scene.y, ways)
+    along = [Direction(change=companion(scene.of_material(way)), scale=1.0) for way in ways] if companion else []
+
+    def forces(local: np.ndarray) -> np.ndarray:
+        index = frames[local]
+        own = soft(index)
+        if along:
+            own += np.stack([d.forces(scene, index) for d in along], axis=1)
+        return np.concatenate([own, *(d.forces(scene, index)[:, None] for d in pushing)], axis=1)
+
+    return forces
+
+
+def _waves(modes: np.ndarray, cosines: np.ndarray) -> np.ndarray:
+    """Products of spatial modes (n, S) and a frame's cosines (R,), for each axis: (3 S R, 3 n)."""
+    smooth = np.einsum("ns,k->skn", modes, cosines).reshape(-1, len(modes))
+    return np.concatenate([np.kron(smooth, axis) for axis in np.eye(3)])
+
+
+def time_modes(frames: int, most: int = 12) -> np.ndarray:
+    """Cosines over the frames, (T, R), columns of unit mean square: constant, then ever faster."""
+    t = (np.arange(frames) + 0.5) / frames
+    modes = np.cos(np.pi * t[:, None] * np.arange(min(most, frames))[None])
+    return modes / np.sqrt((modes**2).mean(axis=0))
