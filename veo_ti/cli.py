@@ -64,6 +64,18 @@ def diagnose(
 
     Parameters are those of `veo run`.
     """
+    folder = Path(source)
+    if folder.is_dir() and list(folder.glob("beam_*.npz")):
+        from rich.console import Console
+
+        from veo_ti.beam_dynamics.report import run_beam_diagnosis
+
+        console = Console(stderr=True)
+        with console.status("diagnosis") as status:
+            found = run_beam_diagnosis(folder, out, progress=lambda text: status.update(f"diagnosis: {text}"))
+        console.print(found["sentence"])
+        _show(found)
+        return
     from veo_ti.commands import diagnose_source
 
     _show(diagnose_source(source, out, modes=modes, every=every))
@@ -85,6 +97,24 @@ def causes() -> None:
     for cause in CATALOGUE:
         table.add_row(cause.name, "\n".join(f"{p.name} [{p.unit}]" for p in cause.parameters), cause.sentence)
     Console(markup=False).print(table)
+
+
+@app.command
+def coupon(
+    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, fit: str | None = None, up_to: float | None = None
+) -> None:
+    """Say what the Neo-Hookean law gets wrong on stress-stretch curves, why, and what knowing it gains elsewhere.
+
+    Parameters
+    ----------
+    source: an .npz or .csv of curves, an .npz of a strip's tracked points, or the word treloar.
+    out: folder for coupon.json, pictures and report.html.
+    fit: modes to fit, such as UT,PS; the others are predicted and judged.
+    up_to: fit stretches up to this one only; the others are predicted and judged.
+    """
+    from veo_ti.coupons.command import coupon_source
+
+    _show(coupon_source(source, out, fit=fit, up_to=up_to))
 
 
 @app.command
