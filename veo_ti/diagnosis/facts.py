@@ -27,7 +27,7 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
         "sentence": sentence(diagnosis),
         "causes": _causes(diagnosis),
         "ambiguous_with": _rivals(diagnosis),
-        "separating_experiment": None,
+        "separating_experiment": _experiment(diagnosis),
         "ranking": _ranking(diagnosis),
         "noise_mm": _plain(1e3 * diagnosis.noise.sigma),
         "noise_correlation": _plain(diagnosis.noise.correlation),
@@ -68,10 +68,26 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
     return [c.name for c in diagnosis.verdict.causes[1:]] if diagnosis.verdict.kind == "ambiguous" else []
 
 
+def _experiment(diagnosis: Diagnosis) -> dict[str, object] | None:
+    """The measurement that would separate what is ambiguous, with the expected nats between the two."""
+    for found in diagnosis.rounds:
+        if found.experiment is not None:
+            e = found.experiment
+            causes = [c.name for c in found.verdict.causes[:2]]
+            return {
+                "description": e.description,
+                "causes": causes,
+                "nats_now": _plain(e.now),
+                "nats_then": _plain(e.then),
+            }
+    return None
+
+
 def _round(found: Round) -> dict[str, object]:
     tried = [
         {
             "name": c.name, "log_evidence_gain": _plain(c.gained), "explained": _plain(c.explained),
+            "log_predictive_gain": _plain(c.predicted), "misfit_z": _plain(c.misfit.z),
             "plausible": bool(c.plausible), "converged": bool(c.refit.converged), "place": place(c.refit),
             "parameters": _values(c.refit.cause, c.refit.theta),
         }

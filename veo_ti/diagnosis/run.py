@@ -10,6 +10,7 @@ from sim.basis import Basis
 from sim.evidence import design_effect
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of, discretisation
+from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.moments import moments, moments_of
@@ -37,6 +38,7 @@ class Round:
     scores: tuple[Score, ...]  # best first
     candidates: tuple[Candidate, ...]  # best first
     verdict: Verdict
+    experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,7 +158,12 @@ def _round(
     before = statistics_of(current, replace(model, s2=floor), modes).misfit()
     candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result, _ in tried]
     candidates.sort(key=lambda c: -c.gained)
-    return Round(misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=judge(misfit, candidates))
+    verdict, experiment = judge(misfit, candidates), None
+    if verdict.kind == "ambiguous":
+        say("what would tell them apart")
+        first, second = (c.refit for c in verdict.causes[:2])
+        experiment = separating(current, first, second, model, s2)
+    return Round(misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, experiment=experiment)
 
 
 def scores_of(

@@ -80,7 +80,9 @@ def _left(diagnosis: Diagnosis) -> str:
 
 def _ambiguous(diagnosis: Diagnosis) -> str:
     told = [words(c.name) + _of(c.refit) for c in diagnosis.verdict.causes]
-    return f"The simulation is wrong beyond noise, and this measurement cannot tell the cause: {', or '.join(told)}."
+    said = f"The simulation is wrong beyond noise, and this measurement cannot tell the cause: {', or '.join(told)}."
+    experiment = diagnosis.rounds[0].experiment
+    return said if experiment is None else f"{said} To tell the first two apart, measure {experiment.description}."
 
 
 def _unexplained(diagnosis: Diagnosis) -> str:
