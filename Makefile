@@ -5,6 +5,10 @@ HERE := $(dir $(lastword $(MAKEFILE_LIST)))
 VENV := $(HERE).venv
 BIN := .venv/bin
 OUT ?= out/demo
+TRIALS ?= 100
+SEED ?= 1000
+JOBS ?= 2
+MIX ?= default
 IN_HERE := cd "$(HERE)" &&
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input
 FITS := import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))
@@ -13,7 +17,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3
 # An environment whose Python is gone, or does not fit, counts as not ready.
 _ := $(shell $(IN_HERE) { $(BIN)/python -c "$(FITS)" 2>/dev/null || rm -f .venv/.ready .venv/.ready-test; })
 
-.PHONY: help demo test lint check notebooks bench clean
+.PHONY: help demo test lint check notebooks bench blind clean
 .DELETE_ON_ERROR:
 
 help:
@@ -21,6 +25,7 @@ help:
 	@echo "make test   ruff, pytest and the notebooks"
 	@echo "make lint   ruff only"
 	@echo "make bench  the table of timings, printed as markdown"
+	@echo "make blind  $(TRIALS) measurements with a hidden effect each, diagnosed; the tables go to out/blind"
 	@echo "make clean  remove .venv, caches and out/"
 
 demo: $(VENV)/.ready
@@ -39,6 +44,10 @@ notebooks: $(VENV)/.ready-test
 
 bench: $(VENV)/.ready-test
 	$(IN_HERE) $(BIN)/python -m benchmarks
+
+blind: $(VENV)/.ready-test
+	$(IN_HERE) PYTHONPATH=tests OMP_NUM_THREADS=1 $(BIN)/python -m blind.run \
+		--trials $(TRIALS) --first-seed $(SEED) --jobs $(JOBS) --mix $(MIX) --out out/blind
 
 clean:
 	$(IN_HERE) rm -rf .venv out build dist .pytest_cache .ruff_cache .hypothesis .benchmarks

@@ -1,0 +1,89 @@
+"""Ask the toolkit for its verdict on a measurement, and compare that with the truth."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from sim.runtime import ensure
+from veo_ti.diagnosis.causes import CATALOGUE
+from veo_ti.diagnosis.facts import facts
+from veo_ti.diagnosis.run import Diagnosis, diagnose
+from veo_ti.identification import identify
+from veo_ti.observation import Observation
+
+KNOWN = frozenset(cause.name for cause in CATALOGUE)  # what the toolkit could name
+
+
+def verdict_on(measurement: Path, clean: np.ndarray, sigma: float) -> dict[str, object]:
+    """What the toolkit says about a measurement, as `veo diagnose` does, in plain values.
+
+    clean (T, M, 3) [m] and sigma [m] are not shown to it: they measure what of the effect the refitted baseline left.
+    """
+    ensure(threads=1)
+    began = time.perf_counter()
+    identified = identify(Observation.load(measurement))
+    seconds = time.perf_counter() - began
+    found = diagnose(identified, CATALOGUE)
+    said = facts(found)
+    rows = [{**row, "rank": i} for i, row in enumerate(said["ranking"])]
+    return {
+        **{name: value for name, value in said.items() if name != "ranking"},
+        "named": [candidate.name for candidate in found.named],
+        "ranking": {row["name"]: row for row in rows},
+        "excess_in_noise": _excess(found, found.baseline.shown, clean) / sigma,
+        "excess_after_in_noise": _excess(found, found.final.shown, clean) / sigma,
+        "gain_confirmed": bool(found.gain is not None and found.gain.confirmed),
+        "seconds": {"identify": seconds, "diagnose": found.seconds},
+    }
+
+
+def _excess(found: Diagnosis, shown: np.ndarray, clean: np.ndarray) -> float:
+    """RMS per coordinate [m] between positions and the noise-free truth where the fit could see it."""
+    scene = found.baseline.scene
+    counted = scene.target.seen & scene.train[:, None]
+    return float(np.sqrt(np.mean((shown - clean)[counted] ** 2)))
+
+
+def outcome(truth: dict, said: dict) -> str:
+    """What became of a trial in one word; see `blind.report.OUTCOMES`.
+
+    An effect that the toolkit's catalogue does not hold counts as one from outside.
+    """
+    verdict, named = said["verdict"], said["named"]
+    effects, catalogued = set(truth["effects"]), set(truth["effects"]) & KNOWN
+    if verdict == "no_misfit":
+        return "missed" if effects else "silent"
+    if verdict == "unexplained":
+        return "unexplained"
+    if verdict == "ambiguous":
+        return "ambiguous, truth inside" if catalogued & {c["name"] for c in said["causes"]} else "ambiguous, without"
+    if not set(named) <= effects:
+        return "extra name" if named[0] in effects else "wrong name"
+    return "right" if len(named) == len(effects) else "one of two"
+
+
+def covered(truth: dict, said: dict) -> list[dict[str, object]]:
+    """For every parameter of a rightly named cause whose formula is the truth's: truth, interval, whether it covers."""
+    if truth["setting"]["name"] == "force_scale":  # forces and stiffnesses are then in units nobody knows
+        return []
+    told = {planted["name"]: planted["tells"] for planted in truth["planted"]}
+    rows = []
+    for cause in said["causes"] if said["verdict"] == "named" else []:
+        for p in cause["parameters"]:
+            value = told.get(cause["name"], {}).get(p["name"])
+            if value is not None and p["low"] is not None:
+                inside = p["low"] <= value <= p["high"]
+                rows.append({"cause": cause["name"], **p, "truth": value, "covered": bool(inside)})
+    return rows
+
+
+def detectability(truth: dict, said: dict) -> float | None:
+    """How many times the smallest detectable size the effect has, where its amount compares with the toolkit's."""
+    if len(truth["planted"]) != 1 or truth["setting"]["name"] == "force_scale":
+        return None
+    planted = truth["planted"][0]
+    row = said["ranking"].get(planted["name"], {"parameters": []})
+    sizes = [abs(planted["tells"][p["name"]]) / p["smallest_detectable"] for p in row["parameters"]
+             if p["name"] in planted["tells"] and p.get("smallest_detectable")]  # fmt: skip
+    return max(sizes, default=None)
