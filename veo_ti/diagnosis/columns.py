@@ -16,6 +16,7 @@ from veo_ti.diagnosis.scene import Scene
 _STEP = 1e-3  # of a parameter's width: changes are linear in it or nearly so
 _OTHER_CLOUDS = (CloudOptions(neighbours=12), CloudOptions(neighbours=6), CloudOptions(stabilisation=3.0))
 _SHARE = 0.3  # of the step to another cloud that ours may be off by
+_MOST = 0.03  # of the motion: beyond it the first order says nothing
 _PLACE = 0.1  # spacings that the load may be off by: nodal forces say where they act to a fraction of an element
 
 
@@ -126,4 +127,5 @@ def discretisation(scene: Scene) -> tuple[Known, ...]:
         return np.stack([way.forces(scene, index) for way in ways], axis=1)
 
     motion = np.stack(list(responses(scene.energy, scene.y, forces)), axis=1)
-    return tuple(Known(motion=m) for m in motion)
+    most = _MOST * np.linalg.norm(scene.y - cloud.x)
+    return tuple(Known(motion=m * min(1.0, most / max(np.linalg.norm(m), 1e-300))) for m in motion)

@@ -6,7 +6,8 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Refit
-from veo_ti.diagnosis.run import Diagnosis, Round
+from veo_ti.diagnosis.rounds import Round
+from veo_ti.diagnosis.run import Diagnosis
 from veo_ti.diagnosis.score import Score
 from veo_ti.diagnosis.sentence import place, present, sentence
 from veo_ti.diagnosis.verdict import Candidate

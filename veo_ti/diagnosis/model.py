@@ -62,6 +62,10 @@ class Refit:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
         return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
 
+    def used(self, s2: float) -> float:
+        """Effective number of fitted parameters at a variance of the noise [m2]."""
+        return float((posterior(self.normal, self.prior, np.sqrt(s2)).covariance * self.normal.A).sum() / s2)
+
     def left_out(self, s2: float, blocks: int) -> float:
         """Squared error [m2] of all training blocks, each predicted by the others, linearised at the end of the fit."""
         residual = self.scene.target.residual(self.simulated)

@@ -8,15 +8,19 @@ from scipy.spatial import cKDTree
 from veo_ti.diagnosis.scene import Scene
 
 _STENCIL = 14
+_UNLOADED = 0.02  # of the largest load
+_RESTS = 3  # unloaded spells that it takes to compare them
 _STRAY = 6.0  # local residual beyond which a point counts as an outlier, in standard deviations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Noise:
-    """sigma: standard deviation of a coordinate [m]; stray (T, N): outliers; correlation: how many residuals in the
-    smooth modes make one independent one, judged by what is rough in time (1 for white noise)."""
+    """sigma: standard deviation of a coordinate [m]; local: the same as seen between neighbours, whatever was given;
+    stray (T, N): outliers; correlation: how many residuals in the smooth modes make one independent one, judged by what
+    is rough in time and by what differs between unloaded frames (1 for white noise)."""
 
     sigma: float
+    local: float
     stray: np.ndarray
     correlation: float
     outlier_share: float  # of the observed points
@@ -40,7 +44,8 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     sigma = scene.target.sigma or estimate
     stray = seen & (np.nan_to_num(np.abs(e)).max(axis=2) > _STRAY * max(sigma, estimate))
     share = float(stray.sum() / max(scene.target.seen.sum(), 1))
-    return Noise(sigma=sigma, stray=stray, correlation=_correlation(scene, modes, sigma, stray), outlier_share=share)
+    correlation = _correlation(scene, modes, sigma, stray)
+    return Noise(sigma=sigma, local=estimate, stray=stray, correlation=correlation, outlier_share=share)
 
 
 def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -59,14 +64,32 @@ def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarray) -> float:
-    """Energy of the rough-in-time part of the residual in smooth spatial modes over that of white noise, at least 1."""
+    """Energy of what cannot be elastic in the residual's smooth spatial modes over that of white noise, at least 1.
+
+    That is its part that is rough in time, and the difference between unloaded frames with loads between them, which
+    shows noise that is slow in time too; of those the lower quartile, since a permanent set differs as well.
+    """
     frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
     if len(frames) < 5:
         return 1.0
     seen = scene.target.seen[frames] & ~stray[frames]
     r = np.where(seen[..., None], scene.residual[frames], 0.0)
     projected = np.einsum("ns,tnc->tsc", modes, r)
+    white = sigma**2 * np.einsum("ns,tn->ts", modes**2, seen.astype(float))  # expected square of a coordinate
     rough = projected[1:-1] - (projected[:-2] + projected[2:]) / 2  # the middle against its neighbours in time
-    expected = 1.5 * sigma**2 * np.einsum("ns,tn->ts", modes**2, seen[1:-1].astype(float))
-    ratio = np.median((rough**2).sum(axis=2), axis=0) / (expected.mean(axis=0) * 2.366)  # median of chi2 with 3
-    return float(max(1.0, np.median(ratio)))
+    ratio = np.median((rough**2).sum(axis=2), axis=0) / (
+        1.5 * white[1:-1].mean(axis=0) * 2.366
+    )  # median of chi2 with 3
+    found = [1.0, float(np.median(ratio))]
+    first = _ends_of_rests(scene.total_force[frames])
+    if len(first) > _RESTS:
+        change = projected[first[1:]] - projected[first[:-1]]
+        expected = 3 * (white[first[1:]] + white[first[:-1]])
+        found.append(float(np.quantile((change**2).sum(axis=(1, 2)) / expected.sum(axis=1), 0.25)))
+    return max(found)
+
+
+def _ends_of_rests(load: np.ndarray) -> np.ndarray:
+    """The last frame of every run of unloaded ones."""
+    rest = load < _UNLOADED * max(float(load.max()), 1e-300)
+    return np.flatnonzero(rest & ~np.append(rest[1:], False))

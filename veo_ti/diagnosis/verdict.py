@@ -8,6 +8,8 @@ from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
+VISIBLE = 0.35  # of the noise, and
+VISIBLE_SHARE = 0.004  # of the motion: root mean square below which the simulation's own error is as large
 BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind
@@ -47,12 +49,15 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return best.misfit.z < MISFIT and rival.misfit.z > 2 * MISFIT
 
 
+def nothing() -> Verdict:
+    """What is left is noise, or as small as the simulation's own error."""
+    return Verdict(kind="no_misfit", causes=(), sentence="The simulation is as good as the measurement's noise allows.")
+
+
 def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
     """The verdict on one round."""
     if misfit.z < MISFIT:
-        return Verdict(
-            kind="no_misfit", causes=(), sentence="The simulation is as good as the measurement's noise allows."
-        )
+        return nothing()
     accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
     accepted.sort(key=lambda c: -c.gained)
     if not accepted or accepted[0].explained < EXPLAINED:

@@ -1,0 +1,154 @@
+"""One look for a cause: every cause scored, the leaders refitted, the verdict on them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.evidence import design_effect
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.columns import Direction, directions_of
+from veo_ti.diagnosis.experiment import Experiment, separating
+from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.moments import moments, moments_of
+from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
+from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, VISIBLE, VISIBLE_SHARE, Candidate, Verdict, judge, nothing
+
+BLOCKS = 8  # of training frames
+_LEADERS = 3  # causes that are refitted
+_FAIR = 0.2  # share of the best score that a leader must reach
+_CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Round:
+    """One look for a cause: what was wrong, every score, the refitted leaders, the verdict."""
+
+    misfit: Misfit
+    scores: tuple[Score, ...]  # best first
+    candidates: tuple[Candidate, ...]  # best first
+    verdict: Verdict
+    experiment: Experiment | None = None  # what would tell apart those that are ambiguous
+
+
+def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
+    """The variance at which residuals count [m2]: the noise's, or that of the whole residual while it is larger.
+
+    Where the model is wrong, the material would else be bent far beyond its linearisation to imitate what is missing.
+    """
+    r, seen = scene.residual * scene.train[:, None, None], scene.target.seen & scene.train[:, None]
+    square = float((r**2).sum() / (3 * seen.sum()))
+    return max(noise.variance, square * design_effect(r, seen, modes))
+
+
+def look(
+    current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress
+) -> Round:
+    """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes."""
+    current = current.taken_in()
+    say("fingerprints of all causes")
+    statistics, scores = scores_of(current, model, modes, causes)
+    misfit = replace(statistics, s2=floor).misfit()
+    if misfit.z < MISFIT or not _visible(current, model.s2, modes):
+        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing())
+    tried = [_tried(s, current, model, modes, say) for s in _leaders(scores)]
+    # All are weighed at the noise that the best of them leaves: what it explains was no noise.
+    s2 = min([model.s2, *(own.s2 for _, own in tried)])
+    floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result, _ in tried)])
+    before = statistics_of(current, replace(model, s2=floor), modes).misfit()
+    candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result, _ in tried]
+    candidates.sort(key=lambda c: -c.gained)
+    verdict, experiment = judge(misfit, candidates), None
+    if verdict.kind == "ambiguous":
+        say("what would tell them apart")
+        first, second = (c.refit for c in verdict.causes[:2])
+        experiment = separating(current, first, second, model, s2)
+    return Round(misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, experiment=experiment)
+
+
+def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
+    """Whether what is left beyond noise is more than the simulation's own error may be."""
+    scene = current.scene
+    seen = scene.target.seen & scene.train[:, None]
+    square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
+        3 * seen.sum() - current.used(s2)
+    )
+    noise = measure_noise(scene, modes)
+    motion = np.sqrt((((scene.y - scene.cloud.x) ** 2).sum(axis=2) * seen).sum() / (3 * seen.sum()))
+    return float(np.sqrt(max(square - noise.local**2, 0.0))) > max(VISIBLE * noise.local, VISIBLE_SHARE * motion)
+
+
+def scores_of(
+    current: Refit, model: Model, modes: np.ndarray, causes: Sequence[Cause]
+) -> tuple[Statistics, tuple[Score, ...]]:
+    """Every cause's score at a state, best first; the parameters of a cause named before count as nuisances there."""
+    scene = current.scene
+    directions: list[Direction] = []
+    table = []
+    for cause in causes:
+        places = list(cause.places(scene))
+        columns = []
+        for place in places:
+            made = directions_of(cause, scene, place)
+            columns.append(range(len(directions), len(directions) + len(made)))
+            directions += made
+        table.append((cause, places, np.array(columns)))
+    K = model.basis.log_mu.shape[1]
+    train = np.flatnonzero(scene.train)
+    blocks = np.full(len(scene.time), -1)
+    blocks[train] = np.arange(len(train)) * BLOCKS // len(train)
+    found = moments(
+        scene, model.basis, current.around[:K], model.extra, directions,
+        residual=scene.target.residual(current.simulated), modes=modes, blocks=blocks,
+    )  # fmt: skip
+    statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
+    scores = [
+        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances)
+        for cause, places, columns in table
+    ]
+    return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
+
+
+def _leaders(scores: Sequence[Score]) -> list[Score]:
+    least = max(1.5, _FAIR * scores[0].log_bayes)
+    return [s for s in scores if s.log_bayes > least and s.keep > TESTABLE][:_LEADERS]
+
+
+def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:
+    """The cause refitted, once more where it leaves less than was taken for noise, and the model with that noise."""
+    say(f"refit with {found.name}")
+    shift = found.nuisances - current.coefficients
+    result = refit(
+        current.scene, model, current.coefficients, cause=found.cause, place=found.place, theta=found.theta, shift=shift
+    )
+    left = result.taken_in().scene
+    closer = replace(model, s2=counted(left, measure_noise(left, modes), modes))
+    if closer.s2 > _CLOSER * model.s2:
+        return result, model
+    say(f"closer look at {found.name}")
+    again = refit(result.without, closer, result.coefficients, cause=found.cause, place=found.place, theta=result.theta)
+    left = again.taken_in().scene
+    return again, replace(model, s2=min(closer.s2, counted(left, measure_noise(left, modes), modes)))
+
+
+def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:
+    """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
+    left = statistics_of(result, model, modes).misfit()
+    predicted = (current.left_out(s2, BLOCKS) - result.left_out(s2, BLOCKS)) / (2 * s2)
+    return Candidate(
+        refit=result, gained=result.evidence(s2) - current.evidence(s2), predicted=predicted, misfit=left,
+        explained=1 - left.excess / max(before.excess, 1e-300), plausible=result.cause.plausible(result.theta),
+    )  # fmt: skip
+
+
+def statistics_of(result: Refit, model: Model, modes: np.ndarray) -> Statistics:
+    """The nuisances and the smooth modes against what a refit leaves, with its own fingerprints."""
+    taken, K = result.taken_in(), model.basis.log_mu.shape[1]
+    residual = taken.scene.target.residual(taken.simulated) * taken.scene.train[:, None, None]
+    found = moments_of(result.kept, result.around[:K], len(model.extra), residual, taken.scene.target.seen, modes)
+    return Statistics(moments=found, s2=model.s2, prior=model.prior)
