@@ -15,6 +15,7 @@ from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
 from veo_ti.diagnosis.columns import directions_of, discretisation
 from veo_ti.diagnosis.gain import measure_gain
+from veo_ti.diagnosis.limits import limits
 from veo_ti.diagnosis.moments import Fingerprints, Moments, moments
 from veo_ti.diagnosis.noise import measure_noise
 from veo_ti.diagnosis.scene import Scene
@@ -178,6 +179,32 @@ def test_gain_is_judged_on_held_out_frames_only():
     same = measure_gain(target, train, models | {"after": truth + off}, 0.1)
     assert same.gained_mm == (0.0, 0.0, 0.0) and not same.confirmed
     assert measure_gain(target, np.ones(24, bool), models, 0.1) is None
+
+
+def test_limits_of_a_measurement_are_said(scene):
+    """Rest, levels and places there; then each taken away."""
+
+    def told(frames, forces=None):
+        forces = scene.forces[frames] if forces is None else forces
+        observation = replace(
+            scene.observation, points=scene.y[frames], forces=forces, time=0.1 * np.arange(len(frames)), jet=None,
+            observed=None,
+        )  # fmt: skip
+        part = Scene(
+            observation=observation, energy=scene.energy, y=scene.y[frames], target=target_of(observation),
+            train=np.arange(len(frames)) % 4 > 0,
+        )  # fmt: skip
+        return " ".join(limits(part))
+
+    rest_again = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 1, 2])
+    assert told(rest_again) == ""
+    assert "No unloaded frame" in told(rest_again[:9])
+    one_level = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 1, 2])
+    even = scene.forces / np.maximum(scene.total_force, 1e-300)[:, None, None]
+    assert "about the same load" in told(one_level, even[one_level])
+    assert "alike" in told(np.array([0, 3, 3, 3, 3, 3, 3, 3, 0, 3, 3, 3]))
+    assert "Only" in told(rest_again[[0, 1, 2, 3, 0, 5]])
+    assert "names a force" in told(rest_again, 0 * scene.forces[rest_again])
 
 
 def test_no_misfit_needs_no_candidates():

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.limits import limits
 from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
@@ -37,6 +38,7 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
         "misfit_z_after": _plain(after.z),
         "rounds": [_round(r) for r in diagnosis.rounds],
         "error_mm": _errors(diagnosis),
+        "limits": list(limits(diagnosis.baseline.scene)),
         "seconds": _plain(diagnosis.seconds),
     }
 

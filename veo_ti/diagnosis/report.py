@@ -125,9 +125,10 @@ def _gained(found: Mapping, pictures: Mapping[str, Path]) -> list[Section]:
 
 def _untested(found: Mapping) -> list[Section]:
     rows = [[words(c["name"]), c["why_not"]] for c in found["ranking"] if not c["testable"]]
-    if not rows:
+    if not rows and not found["limits"]:
         return []
-    text = "This measurement says nothing about these causes; none of them is ruled out."
+    about = "This measurement says nothing about these causes; none of them is ruled out."
+    text = " ".join([*found["limits"], *([about] if rows else [])])
     return [Section(heading="What could not be tested", text=text, table=Table(columns=["cause", "why"], rows=rows))]
 
 

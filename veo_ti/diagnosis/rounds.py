@@ -18,8 +18,8 @@ from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
 from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, VISIBLE, VISIBLE_SHARE, Candidate, Verdict, judge, nothing
 
 BLOCKS = 8  # of training frames
-_LEADERS = 3  # causes that are refitted
-_FAIR = 0.2  # share of the best score that a leader must reach
+_LEAST = 1.5  # nats that a score must reach for a refit
+_FAIR = (0.0, 0.2, 0.6)  # share of the best score that the first, second, third must reach
 _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit
 
 Progress = Callable[[str], None]
@@ -52,7 +52,7 @@ def look(
     """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes."""
     current = current.taken_in()
     say("fingerprints of all causes")
-    statistics, scores = scores_of(current, model, modes, causes)
+    statistics, scores = scores_of(current, model, floor, modes, causes)
     misfit = replace(statistics, s2=floor).misfit()
     if misfit.z < MISFIT or not _visible(current, model.s2, modes):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing())
@@ -84,7 +84,7 @@ def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
 
 
 def scores_of(
-    current: Refit, model: Model, modes: np.ndarray, causes: Sequence[Cause]
+    current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause]
 ) -> tuple[Statistics, tuple[Score, ...]]:
     """Every cause's score at a state, best first; the parameters of a cause named before count as nuisances there."""
     scene = current.scene
@@ -108,15 +108,16 @@ def scores_of(
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
     scores = [
-        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances)
+        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor)
         for cause, places, columns in table
     ]
     return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
 
 
 def _leaders(scores: Sequence[Score]) -> list[Score]:
-    least = max(1.5, _FAIR * scores[0].log_bayes)
-    return [s for s in scores if s.log_bayes > least and s.keep > TESTABLE][:_LEADERS]
+    """Those worth a refit: the best, and others that come near; none that the nuisances swallow."""
+    able = [s for s in scores if s.keep > TESTABLE and s.log_bayes > _LEAST]
+    return [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
 
 
 def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:

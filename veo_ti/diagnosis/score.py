@@ -1,7 +1,7 @@
 """Scores: how much of the misfit each cause's fingerprint explains beyond what the nuisances can."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -113,13 +113,18 @@ class Score:
 
 
 def score(
-    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray
+    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray, floor: float
 ) -> Score:
-    """The score of one cause; columns (places, d) of its directions. The number of places is paid for."""
+    """The score of one cause; columns (places, d) of its directions. The number of places is paid for.
+
+    floor: the variance of the noise [m2], in which the smallest detectable size is meant.
+    """
     results = [_at(statistics, cause, widths, c) for c in columns]
     evidence = np.array([r[0] for r in results])
     best = int(np.argmax(evidence))
-    theta, sd, statistic, keep, detectable = results[best][1:]
+    theta, sd, statistic, keep = results[best][1:]
+    V = np.diagonal(replace(statistics, s2=floor).inner(columns[best], columns[best]))
+    detectable = 4.3 / np.sqrt(np.maximum(V, 1e-300))  # 3 for a false alarm in 700, 1.3 for nine in ten
     return Score(
         cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
         log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
@@ -140,5 +145,4 @@ def _at(statistics: Statistics, cause: Cause, widths: np.ndarray, columns: np.nd
     alone = widths**2 * statistics.alone(columns)
     keep = float(np.sqrt(np.trace(V) / max(alone.sum(), 1e-300)))
     statistic = float(u @ np.linalg.pinv(V, hermitian=True) @ u)
-    see = 4.3 / np.sqrt(np.maximum(np.diagonal(V), 1e-12))  # 3 for a false alarm in 700, 1.3 for nine in ten
-    return float(log_bayes), widths * mean, widths * np.sqrt(np.diagonal(covariance)), statistic, keep, widths * see
+    return float(log_bayes), widths * mean, widths * np.sqrt(np.diagonal(covariance)), statistic, keep

@@ -14,6 +14,7 @@ BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind
 EXPLAINED = 0.5  # share of the misfit's excess that a named cause must explain
+LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
 TOGETHER = 0.75  # share that all named causes must explain together
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it
 
@@ -45,8 +46,10 @@ class Verdict:
 
 
 def _rejected(rival: Candidate, best: Candidate) -> bool:
-    """Whether what is left tells the two apart: nothing but noise under one, clear misfit under the other."""
-    return best.misfit.z < MISFIT and rival.misfit.z > 2 * MISFIT
+    """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other."""
+    left, other = 1 - best.explained, 1 - rival.explained
+    clean = best.misfit.z < MISFIT or left < LEFT
+    return clean and rival.misfit.z > 2 * MISFIT and other > 3 * left
 
 
 def nothing() -> Verdict:
@@ -65,6 +68,8 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
     best = accepted[0]
     margin = max(APART, APART_SHARE * best.gained)
     rivals = [c for c in accepted[1:] if best.gained - c.gained < margin and not _rejected(c, best)]
+    if rivals and best.explained < TOGETHER:
+        return unexplained(accepted[:1])
     if rivals:
         names = ", ".join(c.name for c in (best, *rivals))
         return Verdict(
