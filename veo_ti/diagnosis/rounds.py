@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,11 +53,12 @@ def look(
     """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes."""
     current = current.taken_in()
     say("fingerprints of all causes")
-    statistics, scores = scores_of(current, model, floor, modes, causes)
+    statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(current.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
     if misfit.z < MISFIT or not _visible(current, model.s2, modes):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing())
-    tried = [_tried(s, current, model, modes, say) for s in _leaders(scores)]
+    leaders = _narrowed(_leaders(scores), current, model, floor, modes, say)
+    tried = [_tried(s, current, model, modes, say) for s in leaders]
     # All are weighed at the noise that the best of them leaves: what it explains was no noise.
     s2 = min([model.s2, *(own.s2 for _, own in tried)])
     floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result, _ in tried)])
@@ -84,14 +86,13 @@ def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
 
 
 def scores_of(
-    current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause]
+    current: Refit, model: Model, floor: float, modes: np.ndarray, tries: Sequence[tuple[Cause, Sequence[Any]]]
 ) -> tuple[Statistics, tuple[Score, ...]]:
-    """Every cause's score at a state, best first; the parameters of a cause named before count as nuisances there."""
+    """The score at a state of every cause over its places, best first."""
     scene = current.scene
     directions: list[Direction] = []
     table = []
-    for cause in causes:
-        places = list(cause.places(scene))
+    for cause, places in tries:
         columns = []
         for place in places:
             made = directions_of(cause, scene, place)
@@ -118,6 +119,19 @@ def _leaders(scores: Sequence[Score]) -> list[Score]:
     """Those worth a refit: the best, and others that come near; none that the nuisances swallow."""
     able = [s for s in scores if s.keep > TESTABLE and s.log_bayes > _LEAST]
     return [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
+
+
+def _narrowed(
+    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress
+) -> list[Score]:
+    """The leaders at the best of the places between those that were scanned."""
+    tries = [(s.cause, [s.place, *s.cause.near(current.scene, s.place)]) for s in leaders]
+    tries = [(cause, places) for cause, places in tries if len(places) > 1]
+    if not tries:
+        return list(leaders)
+    say("places in between")
+    finer = {s.name: s for s in scores_of(current, model, floor, modes, tries)[1]}
+    return [finer.get(s.name, s) for s in leaders]
 
 
 def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:

@@ -13,6 +13,8 @@ from sim.vibration import Vibrations
 from veo_ti.observation import Observation
 from veo_ti.scene import forces_of
 
+SPOTS = 40  # places on the surface that are tried
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
@@ -98,7 +100,7 @@ class Scene:
         """Frames after the reference, (T, 1, 1), 1 or 0: what acts all the time is part of the reference pose."""
         return (np.arange(len(self.time)) > 0).astype(float)[:, None, None]
 
-    def spots(self, count: int) -> np.ndarray:
+    def spots(self, count: int = SPOTS) -> np.ndarray:
         """Indices of about `count` free surface points spread evenly (farthest-point sampling)."""
         free = np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
         x = self.cloud.x[free]
@@ -107,6 +109,14 @@ class Scene:
             distance = np.minimum(distance, np.linalg.norm(x - x[chosen[-1]], axis=1))
             chosen.append(int(np.argmax(distance)))
         return free[chosen]
+
+    def spots_near(self, point: int, count: int) -> np.ndarray:
+        """Up to `count` other free surface points about as near to `point` as the spots are to each other."""
+        free = np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
+        distance = np.linalg.norm(self.cloud.x[free] - self.cloud.x[point], axis=1)
+        reach = np.sort(distance)[min(3 * len(free) // SPOTS, len(free) - 1)]
+        inside = free[(distance <= max(reach, 1.5 * self.cloud.spacing)) & (distance > 0)]
+        return inside[np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(int)]
 
     def patch(self, point: int, radius: float) -> np.ndarray:
         """Weights (N,) of sum 1, a Gaussian around a point on the free points."""

@@ -56,6 +56,10 @@ class Cause:
         """What is scanned."""
         return (None,)
 
+    def near(self, scene: Scene, place: Any) -> Sequence[Any]:
+        """Places between `place` and the others that were scanned, for a closer look."""
+        return ()
+
     def describe(self, scene: Scene, place: Any) -> str:
         """The place in words, or nothing."""
         return ""

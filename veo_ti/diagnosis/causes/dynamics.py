@@ -28,6 +28,10 @@ class Inertia(Cause):
         """Damping ratios of all vibrations."""
         return (0.02, 0.07, 0.2, 0.6)
 
+    def near(self, scene: Scene, place: float) -> Sequence[float]:
+        """Damping ratios in between."""
+        return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
+
     def plausible(self, theta: np.ndarray) -> bool:
         """A mass that was weighed is not off by half."""
         return bool(0.5 < theta[0] < 1.5)

@@ -59,6 +59,10 @@ class Viscoelasticity(Cause):
         """Time constants [s] from one frame to a third of the measurement."""
         return list(np.geomspace(np.median(np.diff(scene.time)), np.ptp(scene.time) / 3, 5))
 
+    def near(self, scene: Scene, place: float) -> Sequence[float]:
+        """Time constants in between."""
+        return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
+
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion."""
         E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2

@@ -14,7 +14,7 @@ from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
-SPOTS = 40
+NEAR = 12  # spots of a closer look
 
 
 def added(force: np.ndarray) -> Change:
@@ -145,7 +145,11 @@ class HiddenForce(Cause):
 
     def places(self, scene: Scene) -> Sequence[int]:
         """Spots over the free surface."""
-        return scene.spots(SPOTS)
+        return scene.spots()
+
+    def near(self, scene: Scene, place: int) -> Sequence[int]:
+        """Spots around it."""
+        return scene.spots_near(place, NEAR)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
@@ -170,7 +174,11 @@ class HiddenTether(Cause):
 
     def places(self, scene: Scene) -> Sequence[int]:
         """Spots over the free surface."""
-        return scene.spots(SPOTS)
+        return scene.spots()
+
+    def near(self, scene: Scene, place: int) -> Sequence[int]:
+        """Spots around it."""
+        return scene.spots_near(place, NEAR)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """What would hold a patch of some spacings about as stiffly as the material around it."""

@@ -73,6 +73,13 @@ class FibreAnisotropy(Cause):
         z, turn = 1 - i / AXES, np.pi * (1 + 5**0.5) * i
         return list(np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1))
 
+    def near(self, scene: Scene, place: np.ndarray) -> Sequence[np.ndarray]:
+        """Axes in a ring around it, half as far as the next one."""
+        across = np.linalg.svd(place[None])[2][1:]
+        turns = np.pi * np.arange(8) / 4
+        axes = place + 0.17 * (np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1])
+        return list(axes / np.linalg.norm(axes, axis=1)[:, None])
+
     def change(self, scene: Scene, theta: np.ndarray, place: np.ndarray) -> Change:
         """One family of fibres along `place`."""
         m = np.concatenate([scene.mu[:, None], np.tile([theta[0], *place], (len(scene.mu), 1))], axis=1)

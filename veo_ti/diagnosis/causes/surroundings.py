@@ -9,7 +9,7 @@ from sim.terms.contact import Contact
 from sim.terms.shapes import Plane
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.history import initial_stress
-from veo_ti.diagnosis.causes.loads import SPOTS, added, at_spot
+from veo_ti.diagnosis.causes.loads import added, at_spot
 from veo_ti.diagnosis.scene import Scene
 
 _GAPS = (0.3, 0.6)  # of the farthest that the spot goes
@@ -27,8 +27,13 @@ class HiddenContact(Cause):
         """Spots over the free surface, each with walls at some gaps [m] in the way of its largest motion."""
         u = np.linalg.norm(scene.y - scene.cloud.x, axis=2)
         farthest = u.max(axis=0)
-        spots = [int(s) for s in scene.spots(SPOTS) if farthest[s] > 0.1 * farthest.max()]
+        spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()]
         return [(s, share * float(farthest[s])) for s in spots for share in _GAPS] or [(int(farthest.argmax()), 0.0)]
+
+    def near(self, scene: Scene, place: tuple[int, float]) -> Sequence[tuple[int, float]]:
+        """Nearer and farther walls, there and at some spots around."""
+        gaps = [share * place[1] for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
+        return [(int(s), gap) for s in (place[0], *scene.spots_near(place[0], 4)) for gap in gaps]
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A wall about as stiff as the object: pressed in by the largest motion it bears the largest load."""
