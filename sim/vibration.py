@@ -63,6 +63,26 @@ class Vibrations:
         x = follow(self.omega / np.sqrt(inertia), damping, p, time)
         return np.einsum("tk,kna->tna", x - p, self.shapes, optimize=True)
 
+    def delay(self, displacement: np.ndarray, time: np.ndarray, *, drag: float) -> np.ndarray:
+        """What a drag `-drag m_i v_i` adds to a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, N, 3) [m].
+
+        drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
+        """
+        if drag <= 0:
+            return np.zeros_like(displacement)
+        p = np.einsum("kna,n,tna->tk", self.shapes, self.mass, displacement, optimize=True)
+        return np.einsum("tk,kna->tna", relax(self.omega**2 / drag, p, time) - p, self.shapes, optimize=True)
+
+
+def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) linear between the times (T,) [s]."""
+    x = np.empty_like(p)
+    x[0] = p[0]
+    for t, h in enumerate(np.diff(time)):
+        behind = (p[t + 1] - p[t]) / h / rate
+        x[t + 1] = p[t + 1] - behind + np.exp(-rate * h) * (x[t] - p[t] + behind)
+    return x
+
 
 def follow(omega: np.ndarray, zeta: float, p: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Damped oscillators `x'' + 2 zeta omega x' + omega^2 (x - p) = 0`, at rest at the first frame, (T, K).

@@ -224,7 +224,7 @@ def test_wrong_input_is_one_sentence(command, tmp_path, capsys):
 def test_command_line_writes_both_pages_and_prints_the_facts(tmp_path, capsys):
     observation(0 * HIDDEN, frames=5).save(tmp_path / "box.npz")
     common = [str(tmp_path / "box.npz"), "--modes", "4", "--out"]
-    assert cli.main(["run", *common, str(tmp_path / "out"), "--diagnose"]) == 0
+    assert cli.main(["run", *common, str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     found = json.loads(said.out)["diagnosis"]
     assert found.keys() == KEYS and found["sentence"] in " ".join(said.err.split())

@@ -1,5 +1,7 @@
 """Free vibrations: a beam's closed form, oscillators against an integrator, and the lag against nonlinear dynamics."""
 
+from dataclasses import replace
+
 import clouds
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from sim.energy import Energy
 from sim.lame import Lame
 from sim.newton import equilibrate
 from sim.terms.loads import AppliedForce
-from sim.vibration import Vibrations, follow
+from sim.vibration import Vibrations, follow, relax
 
 TIME = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.7])  # [s]
 PATH = np.array([0.0, 1.0, -0.5, 0.2, 0.2, 0.0])
@@ -30,6 +32,29 @@ def test_oscillator_follows_a_broken_line_as_an_integrator_does(zeta):
 
         found = solve_ivp(slope, (0, TIME[-1]), [0, 0], t_eval=TIME, rtol=1e-9, atol=1e-11, max_step=0.01)
         assert np.abs(x[:, k] - found.y[0]).max() < 1e-5
+
+
+def test_relaxation_follows_a_broken_line_as_an_integrator_does():
+    rate = np.array([0.7, 20.0])
+    x = relax(rate, np.repeat(PATH[:, None], 2, axis=1), TIME)
+    for k, r in enumerate(rate):
+        found = solve_ivp(
+            lambda t, x, r=r: r * (np.interp(t, TIME, PATH) - x), (0, TIME[-1]), [0], t_eval=TIME, rtol=1e-9,
+            atol=1e-11, max_step=0.01,
+        )  # fmt: skip
+        assert np.abs(x[:, k] - found.y[0]).max() < 1e-5
+
+
+def test_delay_is_what_heavy_damping_leaves_of_the_lag(box):
+    """`m x'' + c x' + k (x - p) = 0` without its first term."""
+    energy, mass = box
+    found = Vibrations.of(energy, mass, count=4)
+    one = replace(found, omega=found.omega[:1], shapes=found.shapes[:1])
+    u, time = np.clip(np.sin(3 * TIME), 0, None)[:, None, None] * found.shapes[0], 100 * TIME
+    zeta = 200.0
+    lag = one.lag(u, time, inertia=1.0, damping=zeta)
+    delay = one.delay(u, time, drag=2 * zeta * float(found.omega[0]))
+    assert np.abs(lag - delay).max() < 1e-3 * np.abs(lag).max()
 
 
 def test_slender_beam_swings_at_the_frequency_of_euler_and_bernoulli():

@@ -47,7 +47,7 @@ def folder(tmp_path):
 
 
 def test_run_learns_says_the_scale_is_unknown_and_recomputes_the_papers_row(folder, tmp_path, capsys):
-    assert cli.main(["run", str(folder), "--out", str(tmp_path / "out"), "--modes", "8"]) == 0
+    assert cli.main(["run", str(folder), "--out", str(tmp_path / "out"), "--modes", "8", "--no-diagnose"]) == 0
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["error_mm_paper"] == pytest.approx({"mean": 2.0, "p95": 2.0, "max": 2.0}, abs=1e-3)
     assert metrics["frames"]["held_out"] == [3, 6]

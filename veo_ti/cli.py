@@ -23,7 +23,7 @@ def run(
     modes: int = 80,
     every: int = 4,
     paper: bool = False,
-    diagnose: bool = False,
+    diagnose: bool = True,
 ) -> None:
     """Do everything that applies to INPUT, into one folder.
 
@@ -34,13 +34,14 @@ def run(
     modes: how finely the stiffness may vary.
     every: hold out one frame in so many.
     paper: use the paper's plain discretisation instead of the consistent one.
-    diagnose: also look for what the simulation gets wrong, and why (minutes more).
+    diagnose: also look for what the simulation gets wrong, and why (a minute more, three where something is wrong).
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
         from veo_ti.beam_report import run_beam
 
-        _show(run_beam(folder, out))
+        metrics = run_beam(folder, out)
+        _show({**metrics, "diagnosis": _beam_diagnosis(folder, out / "release")} if diagnose else metrics)
         return
     _show(_identify(source, out, modes, every, paper, diagnose))
 
@@ -66,15 +67,7 @@ def diagnose(
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
-        from rich.console import Console
-
-        from veo_ti.beam_dynamics.report import run_beam_diagnosis
-
-        console = Console(stderr=True)
-        with console.status("diagnosis") as status:
-            found = run_beam_diagnosis(folder, out, progress=lambda text: status.update(f"diagnosis: {text}"))
-        console.print(found["sentence"])
-        _show(found)
+        _show(_beam_diagnosis(folder, out))
         return
     from veo_ti.commands import diagnose_source
 
@@ -191,6 +184,19 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("veo: interrupted; what was done so far is kept, the same command goes on from there", file=sys.stderr)
         return 130
+
+
+def _beam_diagnosis(folder: Path, out: Path) -> dict[str, object]:
+    """What the motion after release says."""
+    from rich.console import Console
+
+    from veo_ti.beam_dynamics.report import run_beam_diagnosis
+
+    console = Console(stderr=True)
+    with console.status("diagnosis") as status:
+        found = run_beam_diagnosis(folder, out, progress=lambda text: status.update(f"diagnosis: {text}"))
+    console.print(found["sentence"])
+    return found
 
 
 def _identify(

@@ -86,9 +86,9 @@ class Scene:
         return next(responses(bare, self.cloud.x[None], lambda index: weight[None, None].copy()))[0]
 
     @cached_property
-    def velocity(self) -> np.ndarray:
-        """Of the simulated motion, (T, N, 3) [m/s]."""
-        return np.gradient(self.y, self.time, axis=0)
+    def relaxations(self) -> Vibrations:
+        """The shapes in which a drag in proportion to volume lets the object relax."""
+        return Vibrations.of(self.energy, self.cloud.volume)
 
     @cached_property
     def residual(self) -> np.ndarray:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.loads import added
 from veo_ti.diagnosis.scene import Scene
 
 
@@ -33,8 +32,8 @@ class Inertia(Cause):
         return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
 
     def plausible(self, theta: np.ndarray) -> bool:
-        """A mass that was weighed is not off by half."""
-        return bool(0.5 < theta[0] < 1.5)
+        """A mass that was weighed is not off by more than the linear vibrations may be."""
+        return bool(abs(theta[0] - 1) < 0.12)
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
@@ -60,10 +59,12 @@ class Damping(Cause):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A drag of a fifth of the largest load when motion is fastest."""
-        flow = np.linalg.norm(np.einsum("n,tna->tna", scene.cloud.volume, scene.velocity), axis=2).sum(axis=1)
+        velocity = np.gradient(scene.y, scene.time, axis=0)
+        flow = np.linalg.norm(np.einsum("n,tna->tna", scene.cloud.volume, velocity), axis=2).sum(axis=1)
         load = float(scene.total_force.max()) or float(np.median(scene.mu)) * scene.cloud.spacing**2
         return np.array([0.2 * load / max(float(flow.max()), 1e-300)])
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """Against the velocity of the simulated motion."""
-        return added(-theta[0] * scene.cloud.volume[:, None] * scene.velocity)
+        """Linear about the rest shape, exact in time for loads that are linear between frames."""
+        delay = scene.relaxations.delay(scene.y - scene.cloud.x, scene.time, drag=theta[0])
+        return Change(observe=lambda y, frames: y + delay[frames])

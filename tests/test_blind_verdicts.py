@@ -1,0 +1,30 @@
+"""Finite-element measurements with something hidden, or nothing, must come out right: a small part of `make blind`.
+
+The seeds are development seeds: the thresholds were set knowing them. The judgement is in docs/diagnosis.md.
+"""
+
+import pytest
+from blind import judging, world
+
+
+def said(seed: int, folder) -> tuple[dict, dict]:
+    """The truth, and what the toolkit answered."""
+    made = world.trial(seed, size="small")
+    made.save(folder / "measurement.npz", folder / "truth.npz")
+    return made.truth, judging.verdict_on(folder / "measurement.npz", made.clean, 1e-3 * made.truth["sigma_mm"])
+
+
+@pytest.mark.parametrize("seed", [22, 30])
+def test_nothing_hidden_nothing_found(seed, tmp_path):
+    truth, answer = said(seed, tmp_path)
+    assert truth["effects"] == []
+    assert answer["verdict"] == "no_misfit", answer["sentence"]
+
+
+@pytest.mark.parametrize(("seed", "effect"), [(24, "force_magnitude"), (28, "correspondence_slip")])
+def test_hidden_effect_is_found_and_extends_the_model(seed, effect, tmp_path):
+    truth, answer = said(seed, tmp_path)
+    assert truth["effects"] == [effect]
+    assert (answer["verdict"], answer["named"]) == ("named", [effect]), answer["sentence"]
+    assert answer["excess_after_in_noise"] < 0.5 * answer["excess_in_noise"]
+    assert answer["error_mm"]["after"] < answer["error_mm"]["refit_only"]
