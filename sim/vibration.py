@@ -75,7 +75,7 @@ class Vibrations:
 
 
 def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) is linear between times (T,) [s]."""
+    """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) linear between times (T,) [s]."""
     x = np.empty_like(p)
     x[0] = p[0]
     for t, h in enumerate(np.diff(time)):
