@@ -126,6 +126,11 @@ def test_nothing_wrong_is_said_with_the_noise(sound):
     assert found["noise_mm"] == pytest.approx(1e3 * NOISE, rel=0.2)
 
 
+def test_stray_positions_are_mentioned(sound):
+    noisy = replace(sound, noise=replace(sound.noise, outlier_share=0.012))
+    assert "1.2% are stray" in facts(noisy)["sentence"] and "stray" not in facts(sound)["sentence"]
+
+
 def test_ambiguous_verdict_names_all_that_it_may_be(pulled):
     both = pulled.rounds[0].candidates[:2]
     assert len(both) == 2

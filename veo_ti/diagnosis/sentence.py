@@ -6,6 +6,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.run import Diagnosis
 
+_STRAY = 0.002  # share of stray positions from which they are mentioned
 _READABLE = {"m": (1e3, "mm"), "rad": (180 / np.pi, "degrees"), "s": (1e3, "ms"), "-": (1.0, "")}
 
 
@@ -13,6 +14,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     """What `diagnosis.json` and the page begin with."""
     told = {"named": _named, "ambiguous": _ambiguous, "unexplained": _unexplained, "no_misfit": _nothing}
     text = told[diagnosis.verdict.kind](diagnosis)
+    if diagnosis.noise.outlier_share > _STRAY:
+        text += f" Of the tracked positions {diagnosis.noise.outlier_share:.1%} are stray and were left out."
     known = diagnosis.identification.object.force_scale_known
     return text if known else f"{text} Forces are known up to scale only, so their sizes are relative."
 
