@@ -213,13 +213,14 @@ def test_no_misfit_needs_no_candidates():
     assert judge(Misfit(energy=300.0, mean=100.0, sd=10.0), ()).kind == "unexplained"
 
 
-def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, plausible: bool = True):
+def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: bool):
     """A refitted cause as the verdict sees it."""
     told = SimpleNamespace(cause=SimpleNamespace(name=name, sentence=f"It is {name}."))
     left = Misfit(energy=z, mean=0.0, sd=1.0)
     return Candidate(
-        refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained, plausible=plausible
-    )
+        refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
+        settled=given.get("settled", True), plausible=given.get("plausible", True),
+    )  # fmt: skip
 
 
 WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
@@ -237,6 +238,7 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 5, 0.95)], "unexplained", []),  # too little evidence
         ([found("a", 100, 0.95, predicted=2)], "unexplained", []),  # does not predict what it has not seen
         ([found("a", 100, 0.95, plausible=False), found("b", 50, 0.9)], "named", ["b"]),
+        ([found("a", 100, 0.95, settled=False), found("b", 50, 0.9)], "named", ["b"]),  # a's refit did not end
         ([], "unexplained", []),
     ],
 )

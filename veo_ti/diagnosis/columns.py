@@ -10,14 +10,12 @@ from sim.elastic import Elastic
 from sim.lame import Lame
 from sim.sensitivity import responses
 from veo_ti.diagnosis.causes.base import Cause, Change
-from veo_ti.diagnosis.causes.loads import ForceOffset
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 1e-3  # of a parameter's width: changes are linear in it or nearly so
 _OTHER_CLOUDS = (CloudOptions(neighbours=12), CloudOptions(neighbours=6), CloudOptions(stabilisation=3.0))
 _SHARE = 0.3  # of the step to another cloud that ours may be off by
 _MOST = 0.03  # of the motion: beyond it the first order says nothing
-_PLACE = 0.1  # spacings that the load may be off by: nodal forces say where they act to a fraction of an element
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,8 +108,8 @@ class Known:
 
 
 def discretisation(scene: Scene) -> tuple[Known, ...]:
-    """How the motion changes with another choice of neighbours or stabilisation, and with loads a fraction of a
-    spacing away, to first order: the shape of our error, each column in the size that is to be expected."""
+    """How the motion changes with another choice of neighbours or stabilisation, to first order: the shape of our
+    error, each column in the size that is to be expected."""
     elastic, cloud = scene.energy.elastic, scene.cloud
     lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
     others = [
@@ -119,9 +117,6 @@ def discretisation(scene: Scene) -> tuple[Known, ...]:
         for o in _OTHER_CLOUDS
     ]
     ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1 / _SHARE) for o in others]
-    if scene.forces.any():
-        step = _PLACE * cloud.spacing
-        ways += [Direction(change=ForceOffset().change(scene, step * a, None), scale=1.0) for a in np.eye(3)]
 
     def forces(index: np.ndarray) -> np.ndarray:
         return np.stack([way.forces(scene, index) for way in ways], axis=1)

@@ -199,6 +199,6 @@ def _result(
         cause=cause, place=place, theta=state.theta, sd=np.sqrt(np.diagonal(found.covariance)[n:]), scene=state.scene,
         without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior,
         around=_around(state, model), kept=kept,
-        converged=bool(done), sentence="converged" if done else f"stopped {gain:.1f} nats before its best",
-        numerics=_numerics(found.mean[:n], model),
+        short=float(gain), converged=bool(done), numerics=_numerics(found.mean[:n], model),
+        sentence="converged" if done else f"stopped {gain:.1f} nats before its best",
     )  # fmt: skip

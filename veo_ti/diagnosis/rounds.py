@@ -18,6 +18,7 @@ from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
 from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, VISIBLE, VISIBLE_SHARE, Candidate, Verdict, judge, nothing
 
+SHORT = 0.02  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6)  # share of the best score that the first, second, third must reach
@@ -155,8 +156,10 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
     left = statistics_of(result, model, modes).misfit()
     predicted = (current.left_out(s2, BLOCKS) - result.left_out(s2, BLOCKS)) / (2 * s2)
+    gained = result.evidence(s2) - current.evidence(s2)
     return Candidate(
-        refit=result, gained=result.evidence(s2) - current.evidence(s2), predicted=predicted, misfit=left,
+        refit=result, gained=gained, predicted=predicted, misfit=left,
+        settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300), plausible=result.cause.plausible(result.theta),
     )  # fmt: skip
 

@@ -29,6 +29,7 @@ class Candidate:
     misfit: Misfit  # what is left under it
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
+    settled: bool  # the refit came to an end: a further step would not change what is compared
 
     @property
     def name(self) -> str:
@@ -61,7 +62,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
     """The verdict on one round."""
     if misfit.z < MISFIT:
         return nothing()
-    accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
+    accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.settled]
     accepted.sort(key=lambda c: -c.gained)
     if not accepted or accepted[0].explained < EXPLAINED:
         return unexplained(accepted[:1])
