@@ -8,6 +8,7 @@ import pytest
 import sim_cases
 
 from sim.basis import Basis, FitOptions
+from sim.evidence import Normal
 from sim.fit import Target
 from sim.lame import Lame
 from sim.newton import NewtonOptions, equilibrate
@@ -93,7 +94,7 @@ def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause
         slope = (ahead - behind) / (step * (1 + back))
     found = moments(scene, basis, np.zeros(10), (), directions, residual=slope)
     # The fingerprint S and the slope agree when |S - slope|^2 = S.S - 2 S.slope + slope.slope vanishes.
-    A, b, c, _ = found.total
+    A, b, c = found.normal.A, found.normal.b, found.normal.c
     column = found.nuisances
     gap = A[column, column] - 2 * b[column] + c
     assert c > 0
@@ -112,8 +113,8 @@ def test_statistics_are_those_of_the_dense_covariance():
     random = np.random.default_rng(0)
     X, z = random.normal(size=(7, 40)), random.normal(size=40)
     found = Moments(
-        A=(X @ X.T)[None], b=(X @ z)[None], c=np.array([z @ z]), count=np.array([40]), nuisances=3, modes=2,
-            kept=Fingerprints(frames=np.zeros(0, int), columns=()),
+        normal=Normal(A=X @ X.T, b=X @ z, c=float(z @ z), count=40), nuisances=3, modes=2,
+        kept=Fingerprints(frames=np.zeros(0, int), columns=()),
     )
     prior = np.array([0.5, 2.0, 1.0])
     statistics = Statistics(moments=found, s2=0.3, prior=prior)

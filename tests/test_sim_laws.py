@@ -3,32 +3,21 @@
 import clouds
 import numpy as np
 import pytest
-import taichi as ti
+from law_kernels import evaluate
 from sim_cases import relative, taylor_rate
 
 from sim import runtime
-from sim.dtypes import Matrices1, Scalars1, Scalars2
 from sim.laws.fields import MaterialFields
 from sim.laws.neo_hookean import NeoHookean
 
 COUNT = 50
 
 
-@ti.kernel
-def _evaluate(
-    law: ti.template(), F: Matrices1, W: Matrices1, m: Scalars2, psi: Scalars1, P: Matrices1, dP: Matrices1
-):
-    for i in range(F.shape[0]):
-        psi[i] = law.psi(F[i], m, i)
-        P[i] = law.piola(F[i], m, i)
-        dP[i] = law.dpiola(F[i], W[i], m, i)
-
-
 def by_hand(F: np.ndarray, W: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """psi (M,), P (M, 3, 3) and dP[W] (M, 3, 3) of the law's own functions."""
     runtime.ensure()
     psi, P, dP = np.empty(len(F)), np.empty_like(F), np.empty_like(F)
-    _evaluate(NeoHookean, F, W, m, psi, P, dP)
+    evaluate(NeoHookean, F, W, m, psi, P, dP)
     return psi, P, dP
 
 

@@ -93,7 +93,7 @@ def _information(scene: Scene, current: Refit, pair: tuple[Refit, Refit], model:
     K, n = model.basis.log_mu.shape[1], len(model.prior)
     extra = model.extra if scene is current.scene else ()
     directions = [d for one in pair for d in directions_of(one.cause, scene, _place(one, scene))]
-    A = moments(scene, model.basis, current.around[:K], extra, directions).total[0]
+    A = moments(scene, model.basis, current.around[:K], extra, directions).normal.A
     out = np.zeros((n + len(directions),) * 2)
     rows = np.concatenate([np.arange(K + len(extra)), np.arange(n, n + len(directions))])
     out[np.ix_(rows, rows)] = A

@@ -1,8 +1,7 @@
 """Fingerprints: how the observed positions answer to every nuisance and every cause, accumulated to small matrices."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -47,25 +46,16 @@ class Fingerprints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moments:
-    """Inner products over the observed coordinates, per block of frames: A (B, M, M), b (B, M), c (B,), count (B,).
+    """Inner products over the observed coordinates, `normal`, of all columns with each other and with the residual.
 
-    Rows of the first index are the nuisances (material coefficients, then discretisation), then all directions, then
-    the smooth modes in which misfit is looked for. b and c are with the residual z = r + sum a_k J_k, which the
-    linearised model has to explain.
+    The columns are the nuisances (material coefficients, then discretisation), then all directions, then the smooth
+    modes in which misfit is looked for. The residual z = r + sum a_k J_k is what the linearised model has to explain.
     """
 
-    A: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    count: np.ndarray
+    normal: Normal
     nuisances: int
     modes: int
     kept: Fingerprints
-
-    @cached_property
-    def total(self) -> tuple[np.ndarray, np.ndarray, float, int]:
-        """All blocks together."""
-        return self.A.sum(axis=0), self.b.sum(axis=0), float(self.c.sum()), int(self.count.sum())
 
 
 def moments(
@@ -78,41 +68,35 @@ def moments(
     companion: Callable[[Scene], Change] | None = None,
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
-    blocks: np.ndarray | None = None,
     keep: bool = False,
 ) -> Moments:
     """Solve for all fingerprints, frame by frame, and accumulate.
 
     a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
-    material; residual (T, N, 3): default the scene's; modes (N, S):
-    smooth in space, paired with cosines in time over the training frames; blocks (T,): block of each frame;
-    keep: the columns too, but for those of the modes.
+    material; residual (T, N, 3): default the scene's; modes (N, S): smooth in space, paired with cosines in time over
+    the training frames; keep: the columns too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
-    blocks = np.zeros(len(scene.time), int) if blocks is None else blocks
     residual = scene.residual if residual is None else residual
     modes = np.zeros((scene.cloud.count, 0)) if modes is None else modes
     cosines, K, pushing = time_modes(len(frames)), len(a), [*extra, *directions]
-    nuisances, smooth = K + len(extra), 3 * modes.shape[1] * cosines.shape[1]
-    width, count = nuisances + len(directions) + smooth, int(blocks.max()) + 1
-    A, b = np.zeros((count, width, width)), np.zeros((count, width))
-    c, number, kept = np.zeros(count), np.zeros(count, int), []
+    kept: list[np.ndarray] = []
     forces = _all_forces(scene, basis, companion, pushing, frames)
-    for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
-        t, index = frames[n], frames[n : n + 1]
-        if pushing:
-            S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
-        seen = scene.target.seen[t]
-        X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
-        if keep:
-            kept.append(X[: len(S)].astype(np.float32))
-        z = residual[t, seen].ravel() + a @ X[:K]
-        A[blocks[t]] += X @ X.T
-        b[blocks[t]] += X @ z
-        c[blocks[t]] += z @ z
-        number[blocks[t]] += len(z)
+
+    def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
+            t, index = frames[n], frames[n : n + 1]
+            if pushing:
+                S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
+            seen = scene.target.seen[t]
+            X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
+            if keep:
+                kept.append(X[: len(S)].astype(np.float32))
+            yield X, residual[t, seen].ravel() + a @ X[:K]
+
+    normal = _summed(columns())
     prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
-    return Moments(A=A, b=b, c=c, count=number, nuisances=nuisances, modes=smooth, kept=prints)
+    return Moments(normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints)
 
 
 def moments_of(
@@ -123,17 +107,23 @@ def moments_of(
     a (K,): material coefficients; extra: how many further nuisances follow them.
     """
     rows, cosines = len(a) + extra, time_modes(len(kept.frames))
-    width = rows + 3 * modes.shape[1] * cosines.shape[1]
-    A, b, c, count = np.zeros((width, width)), np.zeros(width), 0.0, 0
-    for n, (t, own) in enumerate(zip(kept.frames, kept.columns, strict=True)):
-        X = np.concatenate([own[:rows], _waves(modes[seen[t]], cosines[n])])
-        z = residual[t, seen[t]].ravel() + a @ X[: len(a)]
-        A += X @ X.T
-        b += X @ z
+
+    def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for n, (t, own) in enumerate(zip(kept.frames, kept.columns, strict=True)):
+            X = np.concatenate([own[:rows], _waves(modes[seen[t]], cosines[n])])
+            yield X, residual[t, seen[t]].ravel() + a @ X[: len(a)]
+
+    normal = _summed(columns())
+    return Moments(normal=normal, nuisances=rows, modes=3 * modes.shape[1] * cosines.shape[1], kept=kept)
+
+
+def _summed(columns: Iterable[tuple[np.ndarray, np.ndarray]]) -> Normal:
+    """The normal equations of columns X (M, n) and residuals z (n,) that come frame by frame."""
+    A, b, c, count = 0.0, 0.0, 0.0, 0
+    for X, z in columns:
+        A, b = A + X @ X.T, b + X @ z
         c, count = c + float(z @ z), count + len(z)
-    return Moments(
-        A=A[None], b=b[None], c=np.array([c]), count=np.array([count]), nuisances=rows, modes=width - rows, kept=kept
-    )
+    return Normal(A=A, b=b, c=c, count=count)
 
 
 def _all_forces(

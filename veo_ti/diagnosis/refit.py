@@ -180,7 +180,7 @@ def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) ->
     companion = (lambda other: cause.change(other, state.theta, place)) if cause and cause.material else None
     a = state.coefficients[:K]
     found = moments(scene, model.basis, a, model.extra, own, companion=companion, keep=True)
-    return _Line(A=found.total[0], kept=found.kept)
+    return _Line(A=found.normal.A, kept=found.kept)
 
 
 def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:

@@ -101,12 +101,9 @@ def scores_of(
             directions += made
         table.append((cause, places, np.array(columns)))
     K = model.basis.log_mu.shape[1]
-    train = np.flatnonzero(scene.train)
-    blocks = np.full(len(scene.time), -1)
-    blocks[train] = np.arange(len(train)) * BLOCKS // len(train)
     found = moments(
         scene, model.basis, current.around[:K], model.extra, directions,
-        residual=scene.target.residual(current.simulated), modes=modes, blocks=blocks,
+        residual=scene.target.residual(current.simulated), modes=modes,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
     scores = [

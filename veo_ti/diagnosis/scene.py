@@ -56,6 +56,11 @@ class Scene:
         """Size of the resultant of each frame, (T,) [N]."""
         return np.linalg.norm(self.forces.sum(axis=1), axis=1)
 
+    @property
+    def largest_force(self) -> float:
+        """The largest total [N]; where no force is named, what would shear a patch of one spacing by a lot."""
+        return float(self.total_force.max()) or float(np.median(self.mu)) * self.cloud.spacing**2
+
     @cached_property
     def F(self) -> np.ndarray:
         """Deformation gradients of the simulated motion, (T, N, 3, 3)."""

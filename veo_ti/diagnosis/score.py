@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
-from sim.evidence import Normal, posterior
+from sim.evidence import posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.moments import Moments
 
@@ -26,44 +26,39 @@ class Statistics:
 
     def inner(self, left: slice | np.ndarray, right: slice | np.ndarray) -> np.ndarray:
         """left^T Sigma^-1 right for columns of the moments."""
-        A = self.moments.total[0]
+        A = self.moments.normal.A
         n = self.moments.nuisances
         return (A[left][:, right] - A[left][:, :n] @ self._solve(A[:n][:, right])) / self.s2
 
     def against(self, left: slice | np.ndarray) -> np.ndarray:
         """left^T Sigma^-1 z."""
-        A, b, _, _ = self.moments.total
+        A, b = self.moments.normal.A, self.moments.normal.b
         n = self.moments.nuisances
         return (b[left] - A[left][:, :n] @ self._solve(b[:n])) / self.s2
 
     def joint(self, columns: np.ndarray, widths: np.ndarray) -> np.ndarray:
         """The most probable nuisances (n,) and parameters (d,) together."""
         own = np.concatenate([np.arange(self.moments.nuisances), columns])
-        A, b, c, count = self.moments.total
-        normal = Normal(A=A[np.ix_(own, own)], b=b[own], c=c, count=count)
+        every = self.moments.normal
+        normal = replace(every, A=every.A[np.ix_(own, own)], b=every.b[own])
         return posterior(normal, np.concatenate([self.prior, widths**2]), np.sqrt(self.s2)).mean
 
     def alone(self, columns: np.ndarray) -> np.ndarray:
         """|column|^2 / s2: what would be left if no nuisance took any of it."""
-        return np.diagonal(self.moments.total[0])[columns] / self.s2
+        return np.diagonal(self.moments.normal.A)[columns] / self.s2
 
     @property
     def smooth(self) -> slice:
         """The columns of the smooth modes."""
-        return slice(self.moments.A.shape[1] - self.moments.modes, None)
+        return slice(len(self.moments.normal.b) - self.moments.modes, None)
 
-    def misfit(self, explained: np.ndarray | None = None) -> "Misfit":
-        """Energy of the residual in the smooth modes against its expectation; `explained` columns are taken out."""
-        u, C = self.against(self.smooth), self.inner(self.smooth, self.smooth)
-        if explained is not None:
-            V, cross = self.inner(explained, explained), self.inner(self.smooth, explained)
-            solved = np.linalg.pinv(V, hermitian=True)
-            u, C = u - cross @ solved @ self.against(explained), C - cross @ solved @ cross.T
-        return Misfit.of(u, C)
+    def misfit(self) -> "Misfit":
+        """Energy of the residual in the smooth modes against its expectation."""
+        return Misfit.of(self.against(self.smooth), self.inner(self.smooth, self.smooth))
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
         n = self.moments.nuisances
-        factor = cho_factor(self.moments.total[0][:n, :n] + self.s2 * np.diag(1 / self.prior))
+        factor = cho_factor(self.moments.normal.A[:n, :n] + self.s2 * np.diag(1 / self.prior))
         return cho_solve(factor, right)
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from sim.terms.base import Term
 from veo_ti.diagnosis.scene import Scene
 
+_FEW = 5  # frames below which nothing can be seen to happen over time
+
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
@@ -39,6 +41,8 @@ class Cause:
     sentence = ""
     parameters: tuple[Parameter, ...] = ()
     needs_load = False  # whether it is about the nominal forces
+    needs_mass = False  # whether the object must have been weighed
+    over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is proportional to the material's parameters mu, lam
     known: tuple[float, ...] | None = None  # sizes (d,) the parameters have where the cause acts, if that is known
 
@@ -50,6 +54,10 @@ class Cause:
         """Why this measurement cannot speak about the cause, in a sentence, or None."""
         if self.needs_load and not scene.forces.any():
             return "the measurement names no force"
+        if self.needs_mass and scene.mass is None:
+            return "the object's mass is not known; weigh it"
+        if self.over_time and len(scene.time) < _FEW:
+            return f"too few frames to show {self.over_time}"
         return None
 
     def places(self, scene: Scene) -> Sequence[Any]:

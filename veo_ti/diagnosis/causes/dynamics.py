@@ -16,12 +16,8 @@ class Inertia(Cause):
     sentence = "Inertia matters at this speed: the object lags behind its load and rings after it."
     parameters = (Parameter(name="share", unit="of the mass", sd=1.0, positive=True),)
     known = (1.0,)  # the object was weighed
-
-    def untestable(self, scene: Scene) -> str | None:
-        """It needs the mass, and frames in which something moves."""
-        if scene.mass is None:
-            return "the object's mass is not known; weigh it"
-        return "too few frames to show a motion" if len(scene.time) < 5 else None
+    needs_mass = True
+    over_time = "a motion"
 
     def places(self, scene: Scene) -> Sequence[float]:
         """Damping ratios of all vibrations."""
@@ -52,17 +48,13 @@ class Damping(Cause):
     name = "damping"
     sentence = "The surroundings resist the motion in proportion to its speed."
     parameters = (Parameter(name="drag", unit="N s/m4", sd=1e3, positive=True),)
-
-    def untestable(self, scene: Scene) -> str | None:
-        """It needs frames in which something moves."""
-        return "too few frames to show a motion" if len(scene.time) < 5 else None
+    over_time = "a motion"
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A drag of a fifth of the largest load when motion is fastest."""
         velocity = np.gradient(scene.y, scene.time, axis=0)
         flow = np.linalg.norm(np.einsum("n,tna->tna", scene.cloud.volume, velocity), axis=2).sum(axis=1)
-        load = float(scene.total_force.max()) or float(np.median(scene.mu)) * scene.cloud.spacing**2
-        return np.array([0.2 * load / max(float(flow.max()), 1e-300)])
+        return np.array([0.2 * scene.largest_force / max(float(flow.max()), 1e-300)])
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""

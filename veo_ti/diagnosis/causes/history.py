@@ -50,10 +50,7 @@ class Viscoelasticity(Cause):
     sentence = "The material resists fast motion more than slow motion, and creeps after it."
     parameters = (Parameter(name="share", unit="-", sd=0.3, positive=True),)
     material = True
-
-    def untestable(self, scene: Scene) -> str | None:
-        """Four frames cannot show a history."""
-        return "too few frames to show a history" if len(scene.time) < 5 else None
+    over_time = "a history"
 
     def places(self, scene: Scene) -> Sequence[float]:
         """Time constants [s] from one frame to a third of the measurement."""

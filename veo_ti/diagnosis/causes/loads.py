@@ -136,12 +136,8 @@ class FollowerLoad(Cause):
         return added(theta[0] * (carried - scene.forces))
 
 
-class HiddenForce(Cause):
-    """A constant force at a spot, absent in the reference pose."""
-
-    name = "hidden_force"
-    sentence = "A constant force that nobody recorded pulls at one spot."
-    parameters = tuple(Parameter(name=f"force_{a}", unit="N", sd=1.0) for a in "xyz")
+class _AtSpot(Cause):
+    """A cause that acts somewhere on the free surface, which is scanned."""
 
     def places(self, scene: Scene) -> Sequence[int]:
         """Spots over the free surface."""
@@ -150,35 +146,34 @@ class HiddenForce(Cause):
     def near(self, scene: Scene, place: int) -> Sequence[int]:
         """Spots around it."""
         return scene.spots_near(place, NEAR)
-
-    def widths(self, scene: Scene) -> np.ndarray:
-        """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
-        load = float(scene.total_force.max()) or float(np.median(scene.mu)) * scene.cloud.spacing**2
-        return np.full(3, 0.2 * load)
-
-    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
-        """Spread over two spacings."""
-        return added(scene.moving * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * theta)
 
     def describe(self, scene: Scene, place: int) -> str:
         """Where."""
         return at_spot(scene, place)
 
 
-class HiddenTether(Cause):
+class HiddenForce(_AtSpot):
+    """A constant force at a spot, absent in the reference pose."""
+
+    name = "hidden_force"
+    sentence = "A constant force that nobody recorded pulls at one spot."
+    parameters = tuple(Parameter(name=f"force_{a}", unit="N", sd=1.0) for a in "xyz")
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
+        return np.full(3, 0.2 * scene.largest_force)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
+        """Spread over two spacings."""
+        return added(scene.moving * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * theta)
+
+
+class HiddenTether(_AtSpot):
     """E = k/2 |y - x|^2 at a spot."""
 
     name = "hidden_tether"
     sentence = "An elastic string or an unseen attachment holds one spot where it was at rest."
     parameters = (Parameter(name="stiffness", unit="N/m", sd=1.0, positive=True),)
-
-    def places(self, scene: Scene) -> Sequence[int]:
-        """Spots over the free surface."""
-        return scene.spots()
-
-    def near(self, scene: Scene, place: int) -> Sequence[int]:
-        """Spots around it."""
-        return scene.spots_near(place, NEAR)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """What would hold a patch of some spacings about as stiffly as the material around it."""
@@ -190,10 +185,6 @@ class HiddenTether(Cause):
         held = np.flatnonzero(w)
         return Change(terms=(Handles(points=held, targets=scene.cloud.x[None, held], alpha=0.5 * theta[0] * w[held]),))
 
-    def describe(self, scene: Scene, place: int) -> str:
-        """Where."""
-        return at_spot(scene, place)
-
 
 class GravityDirection(Cause):
     """f_i = m_i a, absent in the reference pose."""
@@ -201,10 +192,7 @@ class GravityDirection(Cause):
     name = "gravity_direction"
     sentence = "The object is tilted against gravity compared with its reference pose."
     parameters = tuple(Parameter(name=f"change_{a}", unit="m/s2", sd=1.0) for a in "xyz")
-
-    def untestable(self, scene: Scene) -> str | None:
-        """It needs the mass."""
-        return "the object's mass is not known; weigh it" if scene.mass is None else None
+    needs_mass = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """A change of gravity after the reference frame."""

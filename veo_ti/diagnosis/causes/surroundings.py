@@ -39,8 +39,7 @@ class HiddenContact(Cause):
         """A wall about as stiff as the object: pressed in by the largest motion it bears the largest load."""
         volume = min(2 / 3 * np.pi * (_REACH * scene.cloud.spacing) ** 3, float(scene.cloud.volume.sum()))
         farthest = float(np.linalg.norm(scene.y - scene.cloud.x, axis=2).max())
-        load = float(scene.total_force.max()) or float(np.median(scene.mu)) * scene.cloud.spacing**2
-        return np.array([load / (2 * volume * max(farthest, 1e-300))])
+        return np.array([scene.largest_force / (2 * volume * max(farthest, 1e-300))])
 
     def change(self, scene: Scene, theta: np.ndarray, place: tuple[int, float]) -> Change:
         """A half space felt by the points around the spot that are outside of it at rest."""
@@ -110,11 +109,13 @@ class Prestress(Cause):
     name = "prestress"
     sentence = "The reference pose already sags under its own weight and carries stress."
     parameters = (Parameter(name="share", unit="of the weight", sd=1.0, positive=True),)
+    needs_mass = True
 
     def untestable(self, scene: Scene) -> str | None:
-        """It needs the mass and the direction of gravity."""
-        if scene.mass is None:
-            return "the object's mass is not known; weigh it"
+        """It needs the direction of gravity too."""
+        reason = super().untestable(scene)
+        if reason:
+            return reason
         return None if np.any(scene.observation.gravity) else "the measurement names no gravity"
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
