@@ -19,7 +19,7 @@ from veo_ti.diagnosis.columns import directions_of, discretisation
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
 from veo_ti.diagnosis.moments import Fingerprints, Moments, moments
-from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.noise import goes_on_evenly, measure_noise
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Statistics
 from veo_ti.diagnosis.verdict import Candidate, judge, stands
@@ -113,7 +113,9 @@ def test_statistics_are_those_of_the_dense_covariance():
     random = np.random.default_rng(0)
     X, z = random.normal(size=(7, 40)), random.normal(size=40)
     found = Moments(
-        normal=Normal(A=X @ X.T, b=X @ z, c=float(z @ z), count=40), nuisances=3, modes=2,
+        normal=Normal(A=X @ X.T, b=X @ z, c=float(z @ z), count=40),
+        nuisances=3,
+        modes=2,
         kept=Fingerprints(frames=np.zeros(0, int), columns=()),
     )
     prior = np.array([0.5, 2.0, 1.0])
@@ -158,6 +160,22 @@ def test_correlated_noise_is_counted_as_fewer_data(scene, basis):
     smooth = np.einsum("ns,tsc->tnc", modes, random.normal(size=(FRAMES, 6, 3))) * NOISE / np.sqrt(6)
     y = scene.target.y + scene.moving * smooth
     assert measure_noise(replace(scene, target=replace(scene.target, y=y)), modes).correlation > 4
+
+
+def test_noise_that_lasts_goes_on_evenly_and_missing_physics_does_not(scene, basis):
+    modes, random = basis.field.modes[:, :6], np.random.default_rng(2)
+    steps = np.einsum("ns,tsc->tnc", modes, random.normal(size=(FRAMES, 6, 3)))
+    lasting = np.stack([sum(0.8 ** (t - s) * steps[s] for s in range(t + 1)) for t in range(FRAMES)])  # AR(1)
+    load = scene.total_force[:, None, None] / scene.total_force.max()
+    wave = np.sin(3 * scene.cloud.x[:, :1]) * np.array([0, 1.0, 0])
+
+    def even(left: np.ndarray) -> bool:
+        y = scene.y + scene.moving * (5 * NOISE * left + NOISE * random.normal(size=scene.y.shape))
+        return goes_on_evenly(replace(scene, target=replace(scene.target, y=y)), modes)
+
+    assert even(lasting)
+    assert not even(load * wave)
+    assert not even(np.broadcast_to(wave, scene.y.shape))  # it stays, as a constant force would make it
 
 
 def test_discretisation_columns_are_small_beside_the_motion(scene):

@@ -10,6 +10,8 @@ from veo_ti.diagnosis.scene import Scene
 _STENCIL = 14
 _UNLOADED = 0.02  # of the largest load
 _RESTS = 3  # unloaded spells that it takes to compare them
+_EVEN = 0.5  # of the mean energy, that the lower quartile of the frames holds under noise, and
+_LASTING = 0.7  # of the energy, that does not change over the frames: beyond it something stays, which noise does not
 _STRAY = 6.0  # local residual beyond which a point counts as an outlier, in standard deviations
 
 
@@ -46,6 +48,21 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     share = float(stray.sum() / max(scene.target.seen.sum(), 1))
     correlation = _correlation(scene, modes, sigma, stray)
     return Noise(sigma=sigma, local=estimate, stray=stray, correlation=correlation, outlier_share=share)
+
+
+def goes_on_evenly(scene: Scene, modes: np.ndarray) -> bool:
+    """Whether the residual's smooth modes (N, S) are as strong in all training frames, whatever the load, and change.
+
+    Noise that neighbours share and that lasts does so; physics that is missing follows the load, or stays.
+    """
+    frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
+    frames = frames[frames > 0]  # the reference is taken as it was seen
+    if len(frames) < 5:
+        return False
+    projected = np.einsum("ns,tnc->tsc", modes, scene.residual[frames])
+    energy = (projected**2).sum(axis=(1, 2))
+    lasting = (projected.mean(axis=0) ** 2).sum()
+    return bool(np.quantile(energy, 0.25) > _EVEN * energy.mean() and lasting < _LASTING * energy.mean())
 
 
 def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,8 @@ SHORT = 0.02  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6)  # share of the best score that the first, second, third must reach
-_CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit
+_CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
+_IN_REACH = 2.0  # times the least that any leaves
 
 Progress = Callable[[str], None]
 
@@ -49,22 +50,24 @@ def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
 
 
 def look(
-    current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress
-) -> Round:
-    """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes."""
+    current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
+    even: bool = False,
+) -> Round:  # fmt: skip
+    """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: whether
+    what is wrong goes on evenly, as noise does."""
     current = current.taken_in()
     say("fingerprints of all causes")
     statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(current.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
     if misfit.z < MISFIT or not _visible(current, model.s2, modes):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing())
+    if even:
+        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True))
     leaders = _narrowed(_leaders(scores), current, model, floor, modes, say)
-    tried = [_tried(s, current, model, modes, say) for s in leaders]
-    # All are weighed at the noise that the best of them leaves: what it explains was no noise.
-    s2 = min([model.s2, *(own.s2 for _, own in tried)])
-    floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result, _ in tried)])
+    tried, s2 = _tried(leaders, current, model, modes, say)
+    floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result in tried)])
     before = statistics_of(current, replace(model, s2=floor), modes).misfit()
-    candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result, _ in tried]
+    candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result in tried]
     candidates.sort(key=lambda c: -c.gained)
     verdict, experiment = judge(misfit, candidates), None
     if verdict.kind == "ambiguous":
@@ -132,21 +135,37 @@ def _narrowed(
     return [finer.get(s.name, s) for s in leaders]
 
 
-def _tried(found: Score, current: Refit, model: Model, modes: np.ndarray, say: Progress) -> tuple[Refit, Model]:
-    """The cause refitted, once more where it leaves less than was taken for noise, and the model with that noise."""
+def _tried(
+    leaders: Sequence[Score], current: Refit, model: Model, modes: np.ndarray, say: Progress
+) -> tuple[list[Refit], float]:
+    """The leaders refitted, and the noise that the best of them leaves: what it explains was no noise.
+
+    A refit that leaves less than was taken for noise is done once more at what it leaves, unless another leaves far
+    less at the first try.
+    """
+    tried = [_tried_once(found, current, model, say) for found in leaders]
+    left = [_left_by(result, modes) for result in tried]
+    closer = [i for i, s2 in enumerate(left) if s2 < min(_CLOSER * model.s2, _IN_REACH * min(left))]
+    for i in closer:
+        say(f"closer look at {leaders[i].name}")
+        own, before = replace(model, s2=left[i]), tried[i]
+        tried[i] = refit(
+            before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
+        )
+        left[i] = min(left[i], _left_by(tried[i], modes))
+    return tried, min([model.s2, *(left[i] for i in closer)])
+
+
+def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
     say(f"refit with {found.name}")
-    shift = found.nuisances - current.coefficients
-    result = refit(
-        current.scene, model, current.coefficients, cause=found.cause, place=found.place, theta=found.theta, shift=shift
-    )
-    left = result.taken_in().scene
-    closer = replace(model, s2=counted(left, measure_noise(left, modes), modes))
-    if closer.s2 > _CLOSER * model.s2:
-        return result, model
-    say(f"closer look at {found.name}")
-    again = refit(result.without, closer, result.coefficients, cause=found.cause, place=found.place, theta=result.theta)
-    left = again.taken_in().scene
-    return again, replace(model, s2=min(closer.s2, counted(left, measure_noise(left, modes), modes)))
+    start, shift = current.coefficients, found.nuisances - current.coefficients
+    return refit(current.scene, model, start, cause=found.cause, place=found.place, theta=found.theta, shift=shift)
+
+
+def _left_by(result: Refit, modes: np.ndarray) -> float:
+    """The variance [m2] at which the residual of a refit counts."""
+    scene = result.taken_in().scene
+    return counted(scene, measure_noise(scene, modes), modes)
 
 
 def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:

@@ -11,7 +11,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
@@ -72,7 +72,8 @@ def diagnose(
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
     rounds, current = [], baseline
     while True:
-        rounds.append(look(current, model, floor, modes, open_causes, say))
+        even = not rounds and goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
+        rounds.append(look(current, model, floor, modes, open_causes, say, even=even))
         verdict = rounds[-1].verdict
         if verdict.kind != "named":
             break

@@ -53,9 +53,12 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.misfit.z > 2 * MISFIT and other > 3 * left
 
 
-def nothing() -> Verdict:
-    """What is left is noise, or as small as the simulation's own error."""
-    return Verdict(kind="no_misfit", causes=(), sentence="The simulation is as good as the measurement's noise allows.")
+def nothing(*, even: bool = False) -> Verdict:
+    """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share."""
+    sentence = "The simulation is as good as the measurement's noise allows."
+    if even:
+        sentence += " What is left is as strong in all frames, whatever the load: noise that neighbours share."
+    return Verdict(kind="no_misfit", causes=(), sentence=sentence)
 
 
 def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:

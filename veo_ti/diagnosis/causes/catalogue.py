@@ -1,6 +1,6 @@
 """Every known cause, in the order in which `veo causes` lists them."""
 
-from veo_ti.diagnosis.causes import dynamics, history, loads, material, measurement, surroundings
+from veo_ti.diagnosis.causes import dynamics, geometry, history, loads, material, measurement, surroundings
 from veo_ti.diagnosis.causes.base import Cause
 
 CATALOGUE: tuple[Cause, ...] = (
@@ -13,6 +13,7 @@ CATALOGUE: tuple[Cause, ...] = (
     history.StiffnessDrift(),
     dynamics.Inertia(),
     dynamics.Damping(),
+    geometry.AddedMass(),
     loads.ForceDirection(),
     loads.ForceOffset(),
     loads.ForceMagnitude(),
@@ -21,6 +22,7 @@ CATALOGUE: tuple[Cause, ...] = (
     loads.HiddenForce(),
     loads.HiddenTether(),
     surroundings.HiddenContact(),
+    geometry.Disconnection(),
     surroundings.SupportCompliance(),
     surroundings.Prestress(),
     loads.GravityDirection(),

@@ -136,7 +136,7 @@ class FollowerLoad(Cause):
         return added(theta[0] * (carried - scene.forces))
 
 
-class _AtSpot(Cause):
+class AtSpot(Cause):
     """A cause that acts somewhere on the free surface, which is scanned."""
 
     def places(self, scene: Scene) -> Sequence[int]:
@@ -152,7 +152,7 @@ class _AtSpot(Cause):
         return at_spot(scene, place)
 
 
-class HiddenForce(_AtSpot):
+class HiddenForce(AtSpot):
     """A constant force at a spot, absent in the reference pose."""
 
     name = "hidden_force"
@@ -168,7 +168,7 @@ class HiddenForce(_AtSpot):
         return added(scene.moving * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * theta)
 
 
-class HiddenTether(_AtSpot):
+class HiddenTether(AtSpot):
     """E = k/2 |y - x|^2 at a spot."""
 
     name = "hidden_tether"
