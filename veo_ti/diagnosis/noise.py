@@ -10,7 +10,7 @@ from veo_ti.diagnosis.scene import Scene
 _STENCIL = 14
 _UNLOADED = 0.02  # of the largest load
 _RESTS = 3  # unloaded spells that it takes to compare them
-_EVEN = 0.5  # of the mean energy, that the lower quartile of the frames holds under noise, and
+_EVEN = 0.3  # of the mean energy, that all but the quietest tenth of the frames hold under noise, and
 _LASTING = 0.7  # of the energy, that does not change over the frames: beyond it something stays, which noise does not
 _STRAY = 6.0  # local residual beyond which a point counts as an outlier, in standard deviations
 
@@ -62,7 +62,7 @@ def goes_on_evenly(scene: Scene, modes: np.ndarray) -> bool:
     projected = np.einsum("ns,tnc->tsc", modes, scene.residual[frames])
     energy = (projected**2).sum(axis=(1, 2))
     lasting = (projected.mean(axis=0) ** 2).sum()
-    return bool(np.quantile(energy, 0.25) > _EVEN * energy.mean() and lasting < _LASTING * energy.mean())
+    return bool(np.quantile(energy, 0.1) > _EVEN * energy.mean() and lasting < _LASTING * energy.mean())
 
 
 def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
