@@ -50,12 +50,14 @@ class Vibrations:
         shapes[:, free] = vectors.T
         return cls(omega=np.sqrt(values), shapes=shapes.reshape(count, -1, 3), mass=mass)
 
-    def lag(self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float) -> np.ndarray:
+    def lag(
+        self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray
+    ) -> np.ndarray:
         """What inertia adds to a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, N, 3) [m].
 
         Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the
-        mass, the damping ratio zeta and p its coordinate in u, linear between frames; the sum of the x - p is
-        returned. Exact in time; linear about the rest shape. No mass, no lag.
+        mass, the damping ratio zeta, one for all or one a mode, and p its coordinate in u, linear between frames; the
+        sum of the x - p is returned. Exact in time; linear about the rest shape. No mass, no lag.
         """
         if inertia <= 0:
             return np.zeros_like(displacement)
@@ -84,14 +86,15 @@ def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
     return x
 
 
-def follow(omega: np.ndarray, zeta: float, p: np.ndarray, time: np.ndarray) -> np.ndarray:
+def follow(omega: np.ndarray, zeta: float | np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Damped oscillators `x'' + 2 zeta omega x' + omega^2 (x - p) = 0`, at rest at the first frame, (T, K).
 
     p (T, K) is linear between the times (T,) [s], so each stretch has the closed form `x = p - 2 zeta/omega p' + e`
     with e a free vibration.
     """
-    zeta = zeta + 1e-6 if abs(zeta - 1) < 1e-6 else zeta  # the double root of critical damping has another form
-    root = np.sqrt(complex(zeta**2 - 1))
+    # The double root of critical damping has another form.
+    zeta = np.where(np.abs(np.subtract(zeta, 1)) < 1e-6, 1 + 1e-6, zeta)
+    root = np.sqrt((zeta**2 - 1).astype(complex))
     fast, slow = omega * (-zeta - root), omega * (-zeta + root)
     x, v = np.zeros_like(p), np.zeros_like(omega)
     x[0] = p[0]

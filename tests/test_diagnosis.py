@@ -251,7 +251,7 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 100, 0.95), found("b", 60, 0.7)], "named", ["a"]),  # far ahead
         ([found("a", 100, 0.95), found("b", 96, 0.94)], "ambiguous", ["a", "b"]),
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
-        ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "ambiguous", ["a", "b"]),  # a leaves too much itself
+        ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
         ([found("a", 100, 0.40)], "unexplained", []),
         ([found("a", 5, 0.95)], "unexplained", []),  # too little evidence
@@ -266,6 +266,6 @@ def test_verdicts(candidates, kind, names):
     assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
 
 
-def test_names_stand_when_they_explain_three_quarters_together():
-    half, most = found("a", 100, 0.55), found("b", 100, 0.8)
-    assert stands([most]) and stands([half, half]) and not stands([half])
+def test_names_stand_when_they_explain_nine_tenths_together():
+    part, most = found("a", 100, 0.7), found("b", 100, 0.92)
+    assert stands([most]) and stands([part, part]) and not stands([part])

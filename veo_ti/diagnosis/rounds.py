@@ -21,7 +21,7 @@ from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, VISIBLE, VISIBLE_SHARE, C
 SHORT = 0.02  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
-_FAIR = (0.0, 0.2, 0.6)  # share of the best score that the first, second, third must reach
+_FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach
 _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
 _IN_REACH = 2.0  # times the least that any leaves
 

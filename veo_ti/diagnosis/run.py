@@ -15,7 +15,7 @@ from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.verdict import Candidate, Verdict, stands, unexplained
+from veo_ti.diagnosis.verdict import BESIDE, Candidate, Verdict, stands, unexplained
 from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
@@ -82,7 +82,7 @@ def diagnose(
         noise = replace(noise, correlation=min(noise.correlation, left.correlation))
         floor = noise.variance
         model = replace(model, s2=counted(current.taken_in().scene, noise, modes))
-        if not second or len(rounds) == 2:
+        if not second or len(rounds) == 2 or 1 - verdict.causes[0].explained < BESIDE:
             break
         open_causes = [cause for cause in open_causes if cause.name != current.cause.name]
     named = [r.verdict.causes[0] for r in rounds if r.verdict.kind == "named"]

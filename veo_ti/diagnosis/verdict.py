@@ -15,7 +15,8 @@ APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind
 EXPLAINED = 0.5  # share of the misfit's excess that a named cause must explain
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
-TOGETHER = 0.75  # share that all named causes must explain together
+TOGETHER = 0.9  # share that all named causes must explain together
+BESIDE = 0.02  # share of it below which no second cause is looked for: the first one's shape is not known so well
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it
 
 

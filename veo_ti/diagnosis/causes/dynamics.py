@@ -8,9 +8,18 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
+_RATIOS = (0.02, 0.07, 0.2, 0.6)
+_LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
+
+Ring = tuple[float, int]  # the damping ratio of the slowest vibration, the power of frequency it goes by
+
 
 class Inertia(Cause):
-    """M y'' joins the balance of forces: what the lowest vibrations add to the quasi-static motion."""
+    """M y'' joins the balance of forces: what the lowest vibrations add to the quasi-static motion.
+
+    The damping ratio of a vibration is that of the slowest times `(omega / omega_1)^p`: p = 1 where a drag on the
+    material's rate of strain damps, -1 where a drag on velocity does (Rayleigh's two terms), 0 between.
+    """
 
     name = "inertia"
     sentence = "Inertia matters at this speed: the object lags behind its load and rings after it."
@@ -19,27 +28,29 @@ class Inertia(Cause):
     needs_mass = True
     over_time = "a motion"
 
-    def places(self, scene: Scene) -> Sequence[float]:
-        """Damping ratios of all vibrations."""
-        return (0.02, 0.07, 0.2, 0.6)
+    def places(self, scene: Scene) -> Sequence[Ring]:
+        """Damping ratios of the slowest vibration, and how those of the others go with frequency."""
+        return [(ratio, power) for power in _LAWS for ratio in _RATIOS]
 
-    def near(self, scene: Scene, place: float) -> Sequence[float]:
+    def near(self, scene: Scene, place: Ring) -> Sequence[Ring]:
         """Damping ratios in between."""
-        return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
+        return [(place[0] * factor, place[1]) for factor in (0.5, 0.7, 1.4, 2.0)]
 
     def plausible(self, theta: np.ndarray) -> bool:
         """A mass that was weighed is not off by more than the linear vibrations may be."""
         return bool(abs(theta[0] - 1) < 0.12)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        lag = scene.vibrations.lag(scene.y - scene.cloud.x, scene.time, inertia=theta[0], damping=place)
+        omega = scene.vibrations.omega
+        damping = place[0] * (omega / omega[0]) ** place[1]
+        lag = scene.vibrations.lag(scene.y - scene.cloud.x, scene.time, inertia=theta[0], damping=damping)
         return Change(observe=lambda y, frames: y + lag[frames])
 
-    def describe(self, scene: Scene, place: float) -> str:
-        """The damping ratio, and the slowest vibration."""
+    def describe(self, scene: Scene, place: Ring) -> str:
+        """The slowest vibration and its damping ratio, and how the others are damped."""
         slowest = scene.vibrations.omega[0] / (2 * np.pi)
-        return f"with a damping ratio of {place:g} and a slowest vibration of {slowest:.3g} Hz"
+        return f"with a slowest vibration of {slowest:.3g} Hz, damping ratio {place[0]:.2g}, {_LAWS[place[1]]}"
 
 
 class Damping(Cause):
