@@ -7,9 +7,12 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from sim.checks import as_array, require
+from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.linear import Layout
 from sim.runtime import serial_blas
+
+_SLIGHT = 1e-4  # of the spacing, by which a mode bends the rest shape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,30 +53,43 @@ class Vibrations:
         shapes[:, free] = vectors.T
         return cls(omega=np.sqrt(values), shapes=shapes.reshape(count, -1, 3), mass=mass)
 
+    def coordinates(self, displacement: np.ndarray) -> np.ndarray:
+        """`phi^T M u` of a motion u (T, N, 3) [m], (T, K)."""
+        return np.einsum("kna,n,tna->tk", self.shapes, self.mass, displacement, optimize=True)
+
+    def motion(self, coordinates: np.ndarray) -> np.ndarray:
+        """The motion (T, N, 3) [m] of modal coordinates (T, K)."""
+        return np.einsum("tk,kna->tna", coordinates, self.shapes, optimize=True)
+
     def lag(
         self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray
     ) -> np.ndarray:
-        """What inertia adds to a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, N, 3) [m].
+        """What inertia adds to the coordinates p of a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, K).
 
         Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the
-        mass, the damping ratio zeta, one for all or one a mode, and p its coordinate in u, linear between frames; the
-        sum of the x - p is returned. Exact in time; linear about the rest shape. No mass, no lag.
+        mass, the damping ratio zeta, one for all or one a mode, and p linear between frames; x - p is returned. Exact
+        in time, linear about the rest shape and in u. No mass, no lag.
         """
-        if inertia <= 0:
-            return np.zeros_like(displacement)
-        p = np.einsum("kna,n,tna->tk", self.shapes, self.mass, displacement, optimize=True)
-        x = follow(self.omega / np.sqrt(inertia), damping, p, time)
-        return np.einsum("tk,kna->tna", x - p, self.shapes, optimize=True)
+        p = self.coordinates(displacement)
+        return follow(self.omega / np.sqrt(inertia), damping, p, time) - p if inertia > 0 else np.zeros_like(p)
 
     def delay(self, displacement: np.ndarray, time: np.ndarray, *, drag: float) -> np.ndarray:
-        """What a drag `-drag m_i v_i` adds to a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, N, 3) [m].
+        """What a drag `-drag m_i v_i` adds to the coordinates of a quasi-static motion u (T, N, 3) [m], (T, K).
 
         drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
         """
-        if drag <= 0:
-            return np.zeros_like(displacement)
-        p = np.einsum("kna,n,tna->tk", self.shapes, self.mass, displacement, optimize=True)
-        return np.einsum("tk,kna->tna", relax(self.omega**2 / drag, p, time) - p, self.shapes, optimize=True)
+        p = self.coordinates(displacement)
+        return relax(self.omega**2 / drag, p, time) - p if drag > 0 else np.zeros_like(p)
+
+    def tuning(self, elastic: Elastic, change: np.ndarray) -> np.ndarray:
+        """d omega (K,) [rad/s] under a small change of the elastic parameters (N, P), to first order.
+
+        `2 omega d omega = phi^T dK phi`, with dK phi the gradient's slope along phi at rest.
+        """
+        step = _SLIGHT * elastic.cloud.spacing / np.abs(self.shapes).max()
+        softer = elastic.with_parameters(change)
+        ahead, behind = (softer.gradient(elastic.cloud.x + s * step * self.shapes) for s in (1, -1))
+        return (self.shapes * (ahead - behind)).sum(axis=(1, 2)) / (4 * step * self.omega)
 
 
 def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from sim.newton import NewtonOptions, equilibrate
 from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.dynamics import Damping, Inertia
 from veo_ti.diagnosis.columns import directions_of, discretisation
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
@@ -99,6 +100,30 @@ def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause
     gap = A[column, column] - 2 * b[column] + c
     assert c > 0
     assert gap < 1e-3 * c, f"fingerprint off by {np.sqrt(abs(gap) / c):.2%}"
+
+
+@pytest.mark.parametrize(("cause", "size"), [(Inertia(), 1.0), (Damping(), 1.0)], ids=lambda v: getattr(v, "name", ""))
+def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(cause, size, scene, basis):
+    """Against another solve with a slightly other stiffness field, shown as the lagging object would be."""
+    frames, step = np.flatnonzero(scene.train), 2e-3 * np.eye(basis.log_mu.shape[1])[2]
+
+    def solved(a: np.ndarray) -> Scene:
+        lame = basis.lame(a)
+        energy = scene.energy.with_elastic(scene.energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
+        return scene.moved(energy, equilibrate(energy, scene.y, options=TIGHT).y)
+
+    here = solved(0 * step)
+    place, theta = next(iter(cause.places(here))), size * cause.widths(here)
+    ahead, behind = (cause.change(s, theta, place).observe(s.y, frames) for s in (solved(step), solved(-step)))
+    slope = (ahead - behind) / np.linalg.norm(2 * step)
+    carried = cause.carried(here, theta, place)
+    found = moments(here, basis, 0 * step, (), (), carried=carried, keep=True)
+    plain = moments(here, basis, 0 * step, (), (), keep=True)
+    column, without = (np.stack([X[2] for X in m.kept.columns]) for m in (found, plain))
+    expected = np.stack([slope[t, scene.target.seen[t]].ravel() for t in found.kept.frames])
+    # The shapes of the vibrations are taken as fixed, which is worth 2 to 3 % here.
+    assert np.abs(column - expected).max() < 0.05 * np.abs(expected).max()
+    assert np.abs(without - expected).max() > 0.1 * np.abs(expected).max()
 
 
 def test_every_cause_has_its_own_name_sentence_and_units():

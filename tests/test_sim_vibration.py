@@ -84,7 +84,8 @@ def test_lag_is_what_nonlinear_dynamics_adds_to_small_motions(box):
     loaded = Energy.of(energy.elastic, [AppliedForce(force=force)], energy.fixed)
     slow = equilibrate(loaded, np.repeat(energy.elastic.cloud.x[None], 25, axis=0)).y
     fast = simulate(loaded, time=time, mass=mass, substeps="auto").y
-    lag = Vibrations.of(loaded, mass, count=40).lag(slow - energy.elastic.cloud.x, time, inertia=1.0, damping=0.0)
+    modes = Vibrations.of(loaded, mass, count=40)
+    lag = modes.motion(modes.lag(slow - energy.elastic.cloud.x, time, inertia=1.0, damping=0.0))
     assert np.linalg.norm(fast - slow - lag) < 0.05 * np.linalg.norm(fast - slow)
     assert np.linalg.norm(fast - slow) > 0.1 * np.linalg.norm(slow - energy.elastic.cloud.x)
 
@@ -103,3 +104,16 @@ def box() -> tuple[Energy, np.ndarray]:
     cloud = sim_cases.cloud()
     energy = Energy.of(Elastic.neo_hookean(cloud, Lame(mu=1.0, lam=2.0)), fixed=cloud.x[:, 0] < 1e-9)
     return energy, 0.05 * cloud.volume / cloud.volume.sum()
+
+
+def test_tuning_is_the_slope_of_every_frequency(box):
+    """A bar that stiffens towards one end, so that modes are tuned by different amounts."""
+    energy, mass = box
+    change = energy.elastic.m * (0.5 + energy.elastic.cloud.x[:, :1])
+    step = 1e-4
+    ahead, behind = (
+        Vibrations.of(replace(energy, elastic=energy.elastic.with_parameters(energy.elastic.m + s * change)), mass, 6)
+        for s in (step, -step)
+    )
+    found = Vibrations.of(energy, mass, 6).tuning(energy.elastic, change)
+    assert found == pytest.approx((ahead.omega - behind.omega) / (2 * step), rel=1e-4)

@@ -9,7 +9,7 @@ from sim.basis import Basis
 from sim.evidence import Normal
 from sim.lame import Lame
 from sim.sensitivity import parameter_forces, responses
-from veo_ti.diagnosis.causes.base import Change
+from veo_ti.diagnosis.causes.base import Carried, Change
 from veo_ti.diagnosis.columns import Direction, Known
 from veo_ti.diagnosis.scene import Scene
 
@@ -66,6 +66,7 @@ def moments(
     directions: Sequence[Direction],
     *,
     companion: Callable[[Scene], Change] | None = None,
+    carried: Carried | None = None,
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
     keep: bool = False,
@@ -73,18 +74,22 @@ def moments(
     """Solve for all fingerprints, frame by frame, and accumulate.
 
     a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
-    material; residual (T, N, 3): default the scene's; modes (N, S): smooth in space, paired with cosines in time over
-    the training frames; keep: the columns too, but for those of the modes.
+    material; carried: what tracking shows of a change of motion and material beyond that motion; residual (T, N, 3):
+    default the scene's; modes (N, S): smooth in space, paired with cosines in time over the training frames; keep: the
+    columns too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
     residual = scene.residual if residual is None else residual
     modes = np.zeros((scene.cloud.count, 0)) if modes is None else modes
     cosines, K, pushing = time_modes(len(frames)), len(a), [*extra, *directions]
     kept: list[np.ndarray] = []
-    forces = _all_forces(scene, basis, companion, pushing, frames)
+    m = scene.energy.elastic.m
+    ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
+    forces = _all_forces(scene, ways, companion, pushing, frames)
+    solved = responses(scene.energy.frames(frames), scene.y[frames], forces)
 
     def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        for n, S in enumerate(responses(scene.energy.frames(frames), scene.y[frames], forces)):
+        for n, S in enumerate(solved if carried is None else _carried(solved, ways, carried, frames)):
             t, index = frames[n], frames[n : n + 1]
             if pushing:
                 S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
@@ -126,16 +131,24 @@ def _summed(columns: Iterable[tuple[np.ndarray, np.ndarray]]) -> Normal:
     return Normal(A=A, b=b, c=c, count=count)
 
 
+def _carried(
+    solved: Iterable[np.ndarray], ways: np.ndarray, carried: Carried, frames: np.ndarray
+) -> Iterator[np.ndarray]:
+    """The material's columns, the first of S (M, N, 3) of every frame, as tracking shows them."""
+    every = np.stack(list(solved))
+    for k, way in enumerate(ways):
+        every[:, k] += carried(every[:, k], frames, way)
+    yield from every
+
+
 def _all_forces(
     scene: Scene,
-    basis: Basis,
+    ways: np.ndarray,
     companion: Callable[[Scene], Change] | None,
     pushing: Sequence[Direction | Known],
     frames: np.ndarray,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """What every direction pushes with in chosen training frames, (n, K + directions, N, 3)."""
-    m = scene.energy.elastic.m
-    ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
     soft = parameter_forces(scene.energy, scene.y, ways)
     along = [Direction(change=companion(scene.of_material(way)), scale=1.0) for way in ways] if companion else []
 

@@ -178,8 +178,9 @@ def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) ->
     K, scene = model.basis.log_mu.shape[1], state.scene
     own = [] if cause is None else directions_of(cause, scene, place, state.theta)
     companion = (lambda other: cause.change(other, state.theta, place)) if cause and cause.material else None
+    carried = None if cause is None else cause.carried(scene, state.theta, place)
     a = state.coefficients[:K]
-    found = moments(scene, model.basis, a, model.extra, own, companion=companion, keep=True)
+    found = moments(scene, model.basis, a, model.extra, own, companion=companion, carried=carried, keep=True)
     return _Line(A=found.normal.A, kept=found.kept)
 
 

@@ -13,6 +13,7 @@ from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.moments import moments, moments_of
 from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.placing import better_place
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
@@ -23,6 +24,7 @@ BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach
 _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
+_MOVES = 3  # of a cause's place after its refit
 _IN_REACH = 2.0  # times the least that any leaves
 
 Progress = Callable[[str], None]
@@ -143,7 +145,7 @@ def _tried(
     A refit that leaves less than was taken for noise is done once more at what it leaves, unless another leaves far
     less at the first try.
     """
-    tried = [_tried_once(found, current, model, say) for found in leaders]
+    tried = [_placed(_tried_once(found, current, model, say), model, say) for found in leaders]
     left = [_left_by(result, modes) for result in tried]
     closer = [i for i, s2 in enumerate(left) if s2 < min(_CLOSER * model.s2, _IN_REACH * min(left))]
     for i in closer:
@@ -160,6 +162,17 @@ def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Re
     say(f"refit with {found.name}")
     start, shift = current.coefficients, found.nuisances - current.coefficients
     return refit(current.scene, model, start, cause=found.cause, place=found.place, theta=found.theta, shift=shift)
+
+
+def _placed(result: Refit, model: Model, say: Progress) -> Refit:
+    """Once more where the refitted material shows a better place, as long as it does."""
+    for _ in range(_MOVES):
+        place = better_place(result, model)
+        if place == result.place:
+            break
+        say(f"{result.cause.name} at a better place")
+        result = refit(result.without, model, result.coefficients, cause=result.cause, place=place, theta=result.theta)
+    return result
 
 
 def _left_by(result: Refit, modes: np.ndarray) -> float:

@@ -30,6 +30,9 @@ class Change:
     observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
 
 
+Carried = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
 class Cause:
     """One way in which the world may differ from the model. A subclass says its name, its parameters and its change.
 
@@ -49,6 +52,14 @@ class Cause:
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""
         raise NotImplementedError
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried | None:
+        """How what tracking shows moves on when motion and material change a little, beyond the motion's own change.
+
+        It takes motion (n, N, 3) [m], the frames (n,) it belongs to and the change of (mu, lam), (N, 2) [Pa]; None:
+        not at all, or too little to matter.
+        """
+        return None
 
     def untestable(self, scene: Scene) -> str | None:
         """Why this measurement cannot speak about the cause, in a sentence, or None."""

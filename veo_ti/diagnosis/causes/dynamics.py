@@ -1,16 +1,21 @@
 """Causes in the motion itself: mass that has to be moved, air that has to be pushed aside."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from sim.vibration import Vibrations
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
+_BIT = 1e-4  # of a frequency, by which it is changed to see what follows
+
+Response = Callable[[Vibrations, np.ndarray, np.ndarray], np.ndarray]  # modes, u (T, N, 3), time -> coordinates (T, K)
 Ring = tuple[float, int]  # the damping ratio of the slowest vibration, the power of frequency it goes by
 
 
@@ -42,10 +47,11 @@ class Inertia(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        omega = scene.vibrations.omega
-        damping = place[0] * (omega / omega[0]) ** place[1]
-        lag = scene.vibrations.lag(scene.y - scene.cloud.x, scene.time, inertia=theta[0], damping=damping)
-        return Change(observe=lambda y, frames: y + lag[frames])
+        return _behind(scene, scene.vibrations, _lag(theta[0], place))
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Ring) -> Carried:
+        """The lag of the change, and what other frequencies do to the lag."""
+        return _further(scene, scene.vibrations, _lag(theta[0], place))
 
     def describe(self, scene: Scene, place: Ring) -> str:
         """The slowest vibration and its damping ratio, and how the others are damped."""
@@ -69,5 +75,42 @@ class Damping(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        delay = scene.relaxations.delay(scene.y - scene.cloud.x, scene.time, drag=theta[0])
-        return Change(observe=lambda y, frames: y + delay[frames])
+        return _behind(scene, scene.relaxations, _delay(theta[0]))
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
+        """The delay of the change, and what another stiffness does to the delay."""
+        return _further(scene, scene.relaxations, _delay(theta[0]))
+
+
+def _lag(share: float, place: Ring) -> Response:
+    def response(modes: Vibrations, u: np.ndarray, time: np.ndarray) -> np.ndarray:
+        damping = place[0] * (modes.omega / modes.omega[0]) ** place[1]
+        return modes.lag(u, time, inertia=share, damping=damping)
+
+    return response
+
+
+def _delay(drag: float) -> Response:
+    return lambda modes, u, time: modes.delay(u, time, drag=drag)
+
+
+def _behind(scene: Scene, modes: Vibrations, response: Response) -> Change:
+    """What tracking shows of a motion that is followed with a delay."""
+    added = modes.motion(response(modes, scene.y - scene.cloud.x, scene.time))
+    return Change(observe=lambda y, frames: y + added[frames])
+
+
+def _further(scene: Scene, modes: Vibrations, response: Response) -> Carried:
+    """The response to a change of the motion, which is linear in it, and to a change of each frequency."""
+    u, elastic = scene.y - scene.cloud.x, scene.energy.elastic
+    ahead, before = (response(replace(modes, omega=s * modes.omega), u, scene.time) for s in (1 + _BIT, 1 - _BIT))
+    slope = (ahead - before) / (2 * _BIT * modes.omega)  # of every coordinate with its own frequency, (T, K)
+
+    def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
+        since = np.union1d(0, frames)  # it starts at rest in the first frame, seen or not
+        started = np.zeros((len(since), *motion.shape[1:]))
+        started[len(since) - len(frames) :] = motion
+        own = response(modes, started, scene.time[since])[len(since) - len(frames) :]
+        return modes.motion(own + slope[frames] * modes.tuning(elastic, change))
+
+    return further
