@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
+from veo_ti import cli_capture
+
 app = App(
     name="veo",
     help="Virtual elastic objects: tracked points and known forces in, per-point material out.",
@@ -24,54 +26,58 @@ def run(
     every: int = 4,
     paper: bool = False,
     diagnose: bool = True,
-) -> None:
+) -> dict[str, object]:
     """Do everything that applies to INPUT, into one folder.
 
     Parameters
     ----------
-    source: an .npz or .vtkhdf measurement, a PLUSH object folder, a folder of beam takes, or the word example.
-    out: folder for the results; an interrupted run goes on when called again.
-    modes: how finely the stiffness may vary.
-    every: hold out one frame in so many.
-    paper: use the paper's plain discretisation instead of the consistent one.
-    diagnose: also look for what the simulation gets wrong, and why (a minute more, three where something is wrong).
+    source
+        an .npz or .vtkhdf measurement, a PLUSH object folder, a folder of beam takes, or the word example.
+    out
+        folder for the results; an interrupted run goes on when called again.
+    modes
+        how finely the stiffness may vary.
+    every
+        hold out one frame in so many.
+    paper
+        use the paper's plain discretisation instead of the consistent one.
+    diagnose
+        also look for what the simulation gets wrong, and why (a minute more, three where something is wrong).
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
         from veo_ti.beam_report import run_beam
 
         metrics = run_beam(folder, out)
-        _show({**metrics, "diagnosis": _beam_diagnosis(folder, out / "release")} if diagnose else metrics)
-        return
-    _show(_identify(source, out, modes, every, paper, diagnose))
+        return {**metrics, "diagnosis": _beam_diagnosis(folder, out / "release")} if diagnose else metrics
+    return _identify(source, out, modes, every, paper, diagnose)
 
 
 @app.command
 def identify(
     source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, paper: bool = False
-) -> None:
+) -> dict[str, object]:
     """Learn per-point Lame parameters from INPUT and judge them on held-out frames.
 
     Parameters are those of `veo run`.
     """
-    _show(_identify(source, out, modes, every, paper))
+    return _identify(source, out, modes, every, paper)
 
 
 @app.command
 def diagnose(
     source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4
-) -> None:
+) -> dict[str, object]:
     """Say what a simulation of INPUT gets wrong, which physical cause explains it, and what knowing it gains.
 
     Parameters are those of `veo run`.
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
-        _show(_beam_diagnosis(folder, out))
-        return
+        return _beam_diagnosis(folder, out)
     from veo_ti.commands import diagnose_source
 
-    _show(diagnose_source(source, out, modes=modes, every=every))
+    return diagnose_source(source, out, modes=modes, every=every)
 
 
 @app.command
@@ -95,28 +101,32 @@ def causes() -> None:
 @app.command
 def coupon(
     source: Annotated[str, Parameter(name="INPUT")], *, out: Path, fit: str | None = None, up_to: float | None = None
-) -> None:
+) -> dict[str, object]:
     """Say what the Neo-Hookean law gets wrong on stress-stretch curves, why, and what knowing it gains elsewhere.
 
     Parameters
     ----------
-    source: an .npz or .csv of curves, an .npz of a strip's tracked points, or the word treloar.
-    out: folder for coupon.json, pictures and report.html.
-    fit: modes to fit, such as UT,PS; the others are predicted and judged.
-    up_to: fit stretches up to this one only; the others are predicted and judged.
+    source
+        an .npz or .csv of curves, an .npz of a strip's tracked points, or the word treloar.
+    out
+        folder for coupon.json, pictures and report.html.
+    fit
+        modes to fit, such as UT,PS; the others are predicted and judged.
+    up_to
+        fit stretches up to this one only; the others are predicted and judged.
     """
     from veo_ti.coupons.command import coupon_source
 
-    _show(coupon_source(source, out, fit=fit, up_to=up_to))
+    return coupon_source(source, out, fit=fit, up_to=up_to)
 
 
 @app.command
 def evaluate(obj: Annotated[Path, Parameter(name="OBJECT")], source: Annotated[str, Parameter(name="INPUT")], *,
-             out: Path) -> None:  # fmt: skip
+             out: Path) -> dict[str, object]:  # fmt: skip
     """Simulate an identified OBJECT under the loads of INPUT and measure the distance."""
     from veo_ti.commands import evaluate_object
 
-    _show(evaluate_object(obj, source, out))
+    return evaluate_object(obj, source, out)
 
 
 @app.command
@@ -128,30 +138,36 @@ def simulate(
     gravity: str | None = None,
     contact: list[str] | None = None,
     steps: int = 12,
-) -> None:
+) -> dict[str, object]:
     """Push an identified OBJECT, change its gravity, or press things on it; forces grow over the steps.
 
     Parameters
     ----------
-    obj: a folder of `veo identify`, or a .vtkhdf.
-    out: folder for the results.
-    force: "fx,fy,fz@x,y,z,radius" in N and m: a force spread over the surface around a place.
-    gravity: "gx,gy,gz" in m/s2, instead of the rest pose's.
-    contact: "plane:x,y,z,nx,ny,nz", "sphere:x,y,z,r", "capsule:x,y,z,ax,ay,az,r", "box:x,y,z,hx,hy,hz" or "mesh:FILE";
+    obj
+        a folder of `veo identify`, or a .vtkhdf.
+    out
+        folder for the results.
+    force
+        "fx,fy,fz@x,y,z,radius" in N and m: a force spread over the surface around a place.
+    gravity
+        "gx,gy,gz" in m/s2, instead of the rest pose's.
+    contact
+        "plane:x,y,z,nx,ny,nz", "sphere:x,y,z,r", "capsule:x,y,z,ax,ay,az,r", "box:x,y,z,hx,hy,hz" or "mesh:FILE";
         add "@dx,dy,dz" to have it move that far over the steps.
-    steps: frames over which the loads grow to their full size.
+    steps
+        frames over which the loads grow to their full size.
     """
     from veo_ti.commands import simulate_object
 
-    _show(simulate_object(obj, out, force or [], gravity, contact or [], steps))
+    return simulate_object(obj, out, force or [], gravity, contact or [], steps)
 
 
 @app.command
-def render(obj: Annotated[Path, Parameter(name="OBJECT")], *, out: Path) -> None:
+def render(obj: Annotated[Path, Parameter(name="OBJECT")], *, out: Path) -> dict[str, object]:
     """Pictures of an OBJECT: Lame maps, what the data determined, a turntable film, its motion if it has one."""
     from veo_ti.commands import render_object
 
-    _show({"pictures": [str(path) for path in render_object(obj, out)]})
+    return {"pictures": [str(path) for path in render_object(obj, out)]}
 
 
 @app.command
@@ -172,10 +188,19 @@ def doctor() -> int:
     return int(any(not f.ok and f.needed for f in findings))
 
 
+app.command(cli_capture.inspect)
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line. Exit status 0; 1: not everything works; 2: wrong input, in one sentence; 130: Ctrl-C."""
+    """Run the command line and print what it found as JSON.
+
+    Exit status 0; 1: not everything works; 2: wrong input, in one sentence; 130: Ctrl-C.
+    """
     try:
-        return app(arguments, exit_on_error=False, print_error=True) or 0
+        result = app(arguments, exit_on_error=False, print_error=True)
+        if isinstance(result, dict):
+            print(json.dumps(result, indent=2))
+        return result if isinstance(result, int) else 0
     except CycloptsError:
         return 2
     except (ValueError, OSError) as error:
@@ -188,13 +213,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _beam_diagnosis(folder: Path, out: Path) -> dict[str, object]:
     """What the motion after release says."""
-    from rich.console import Console
-
     from veo_ti.beam_dynamics.report import run_beam_diagnosis
+    from veo_ti.progress import console, waiting
 
-    console = Console(stderr=True)
-    with console.status("diagnosis") as status:
-        found = run_beam_diagnosis(folder, out, progress=lambda text: status.update(f"diagnosis: {text}"))
+    with waiting("diagnosis") as say:
+        found = run_beam_diagnosis(folder, out, progress=say)
     console.print(found["sentence"])
     return found
 
@@ -205,7 +228,3 @@ def _identify(
     from veo_ti.commands import identify_source
 
     return identify_source(source, out, modes=modes, every=every, paper=paper, diagnosed=diagnosed)
-
-
-def _show(result: dict[str, object]) -> None:
-    print(json.dumps(result, indent=2))

@@ -1,11 +1,10 @@
 """What the command line does: read, compute with a progress bar, write into a folder."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from recon.metrics import DistanceTable
@@ -23,11 +22,10 @@ from veo_ti.identification import Identification, IdentifyOptions, identify
 from veo_ti.interact import collider_of, force_of, vector
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
+from veo_ti.progress import console, waiting
 from veo_ti.results import remove_checkpoints, sentence, write_identification
 from veo_ti.store import SequenceWriter, read_sequence, writable_folder, write_json_atomic
 from veo_ti.view import animation, error_map, lame_map, save_picture, sensitivity_map, turntable
-
-console = Console(stderr=True)
 
 
 def identify_source(
@@ -59,7 +57,7 @@ def _identified(source: str, out: Path, modes: int, every: int, paper: bool) -> 
 
 
 def _diagnosed(result: Identification, out: Path) -> dict[str, object]:
-    with _waiting("diagnosis") as say:
+    with waiting("diagnosis") as say:
         found = diagnose(result, CATALOGUE, progress=say)
     facts = write_diagnosis(found, out)
     remove_checkpoints(out)
@@ -93,15 +91,6 @@ def _progress(most: int) -> Iterator:
             bar.update(task, completed=done, description=text)
 
         yield advance
-
-
-@contextmanager
-def _waiting(name: str) -> Iterator[Callable[[str], None]]:
-    """A spinner with the time that has passed, for work whose length nobody knows."""
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(name, total=None)
-        yield lambda text: bar.update(task, description=f"{name}: {text.replace('_', ' ')}")
 
 
 def evaluate_object(path: Path, source: str, out: Path) -> dict[str, object]:

@@ -1,41 +1,79 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from sim.evidence import posterior
-from veo_ti.diagnosis.columns import directions_of
+from veo_ti.diagnosis.causes.base import Change
+from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Fingerprints
+from veo_ti.diagnosis.moments import Fingerprints, moments
+
+_WORTH = 3.0  # nats that another place must promise
 
 
 def better_place(result: Refit, model: Model) -> Any:
-    """The place at which a refitted cause explains best what its own motion leaves, the material moving with it.
+    """The place near that of a refitted cause at which it would explain most, material and parameters moving with it.
 
-    Only for causes that follow the simulated motion and push nothing, such as inertia: the motion is then that of every
-    place. The others keep theirs.
+    Linear about the refit: a cause that follows the motion without pushing is tried at each place as if it were new;
+    any other is taken from its place to another as it is.
     """
-    scene, cause = result.without, result.cause
-    if cause.carried(scene, result.theta, result.place) is None:
+    scene, cause = result.scene, result.cause
+    follows = cause.carried(scene, result.theta, result.place) is not None
+    others = cause.places(result.without) if follows else ()
+    places = [result.place, *others, *cause.near(result.without, result.place)]
+    if len(places) == 1:
         return result.place
-    places = [result.place, *cause.places(scene), *cause.near(scene, result.place)]
-    evidence = [_evidence(result, model, place) for place in places]
-    return places[int(np.argmax(evidence))]
+    evidence = _as_new(result, model, places) if follows else _moved(result, model, places)
+    best = int(np.argmax(evidence))
+    return places[best] if evidence[best] > evidence[0] + _WORTH else result.place
 
 
-def _evidence(result: Refit, model: Model, place: Any) -> float:
-    """Of material and cause together, linear about the refit without the cause."""
-    scene, cause, n = result.without, result.cause, len(result.coefficients)
-    directions = directions_of(cause, scene, place)
+def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
+    """Evidence at each place for a cause that only changes what is seen, whose motion is that of every place."""
+    scene, n = result.without, len(result.coefficients)
+    prior = np.concatenate([model.prior, result.cause.widths(scene) ** 2])
+    at = np.concatenate([result.around[:n], np.zeros(len(result.theta))])
+    residual, found = scene.target.residual(scene.y), []
+    for place in places:
+        directions = directions_of(result.cause, scene, place)
+        rows = [np.stack([d.moves(scene, np.array([t]))[0] for d in directions]) for t in result.kept.frames]
+        found.append(_evidence(result, n, rows, at, residual, prior, model))
+    return np.array(found)
+
+
+def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
+    """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full."""
+    scene, cause, theta = result.scene, result.cause, result.theta
+    here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
+    ways = [
+        Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
+        for place in places[1:]
+    ]
+    K = model.basis.log_mu.shape[1]
+    steps = moments(scene, model.basis, result.around[:K], (), ways, keep=True).kept
+    residual, prior = scene.target.residual(result.simulated), result.prior
+    found = [_evidence(result, len(prior), None, result.around, residual, prior, model)]
+    for i in range(len(ways)):
+        taken = residual.copy()
+        for t, X in zip(steps.frames, steps.columns, strict=True):
+            seen = scene.target.seen[t]
+            taken[t, seen] -= X[K + i].reshape(-1, 3)
+        found.append(_evidence(result, len(prior), None, result.around, taken, prior, model))
+    return np.array(found)
+
+
+def _evidence(
+    result: Refit, first: int, rows: Sequence[np.ndarray] | None, at: np.ndarray, residual: np.ndarray,
+    prior: np.ndarray, model: Model,
+) -> float:  # fmt: skip
+    """Of the refit's first columns and a few more motions (d, N, 3) frame by frame, with what they have to explain."""
+    seen, kept = result.scene.target.seen, result.kept
     columns = []
-    for t, X in zip(result.kept.frames, result.kept.columns, strict=True):
-        index, seen = np.array([t]), scene.target.seen[t]
-        moves = np.stack([d.moves(scene, index)[0, seen].ravel() for d in directions])
-        columns.append(np.concatenate([X[:n], moves.astype(np.float32)]))
-    at = np.concatenate([result.around[:n], np.zeros(len(directions))])
-    residual = scene.target.residual(scene.y)
-    prints = Fingerprints(frames=result.kept.frames, columns=tuple(columns))
-    normal = prints.parts(residual, scene.target.seen, at, 1)[0]
-    prior = np.concatenate([model.prior, cause.widths(scene) ** 2])
+    for i, (t, X) in enumerate(zip(kept.frames, kept.columns, strict=True)):
+        own = [] if rows is None else [rows[i][:, seen[t]].reshape(len(rows[i]), -1).astype(np.float32)]
+        columns.append(np.concatenate([X[:first], *own]))
+    normal = Fingerprints(frames=kept.frames, columns=tuple(columns)).parts(residual, seen, at, 1)[0]
     return posterior(normal, prior, np.sqrt(model.s2)).evidence

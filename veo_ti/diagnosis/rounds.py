@@ -151,9 +151,10 @@ def _tried(
     for i in closer:
         say(f"closer look at {leaders[i].name}")
         own, before = replace(model, s2=left[i]), tried[i]
-        tried[i] = refit(
+        again = refit(
             before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
         )
+        tried[i] = _placed(again, own, say)
         left[i] = min(left[i], _left_by(tried[i], modes))
     return tried, min([model.s2, *(left[i] for i in closer)])
 

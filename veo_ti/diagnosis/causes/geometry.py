@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.laws.neo_hookean import NeoHookean
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.loads import AtSpot, added, at_spot
+from veo_ti.diagnosis.causes.loads import AtSpot, Spot, added, at_spot
 from veo_ti.diagnosis.causes.material import extra
 from veo_ti.diagnosis.scene import Scene
 
@@ -74,9 +74,9 @@ class AddedMass(AtSpot):
         fastest = np.linalg.norm(self._pull(scene), axis=2).max()
         return np.array([0.2 * scene.largest_force / max(float(fastest), 1e-300)])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
-        """Spread over two spacings; it follows the baseline's motion."""
-        return added(theta[0] * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * self._pull(scene))
+    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+        """Spread around the spot; it follows the baseline's motion."""
+        return added(theta[0] * self.patch(scene, place)[:, None] * self._pull(scene))
 
     @staticmethod
     def _pull(scene: Scene) -> np.ndarray:

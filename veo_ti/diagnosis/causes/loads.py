@@ -15,6 +15,7 @@ from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
 NEAR = 12  # spots of a closer look
+_SPREAD = 2.0  # spacings, where nothing else is known
 
 
 def added(force: np.ndarray) -> Change:
@@ -136,20 +137,29 @@ class FollowerLoad(Cause):
         return added(theta[0] * (carried - scene.forces))
 
 
+Spot = tuple[int, float]  # a point, and over how many spacings a cause is spread around it
+
+
 class AtSpot(Cause):
     """A cause that acts somewhere on the free surface, which is scanned."""
 
-    def places(self, scene: Scene) -> Sequence[int]:
+    def places(self, scene: Scene) -> Sequence[Spot]:
         """Spots over the free surface."""
-        return scene.spots()
+        return [(int(s), _SPREAD) for s in scene.spots()]
 
-    def near(self, scene: Scene, place: int) -> Sequence[int]:
-        """Spots around it."""
-        return scene.spots_near(place, NEAR)
+    def near(self, scene: Scene, place: Spot) -> Sequence[Spot]:
+        """Spots around it, and a narrower and wider one there."""
+        spot, spread = place
+        around = [(int(s), spread) for s in scene.spots_near(spot, NEAR)]
+        return [*around, *((spot, factor * spread) for factor in (0.6, 1.4, 2.0))]
 
-    def describe(self, scene: Scene, place: int) -> str:
+    def patch(self, scene: Scene, place: Spot) -> np.ndarray:
+        """Weights (N,) of sum 1 around the place."""
+        return scene.patch(place[0], place[1] * scene.cloud.spacing)
+
+    def describe(self, scene: Scene, place: Spot) -> str:
         """Where."""
-        return at_spot(scene, place)
+        return at_spot(scene, place[0])
 
 
 class HiddenForce(AtSpot):
@@ -163,9 +173,9 @@ class HiddenForce(AtSpot):
         """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
         return np.full(3, 0.2 * scene.largest_force)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
-        """Spread over two spacings."""
-        return added(scene.moving * scene.patch(place, 2 * scene.cloud.spacing)[:, None] * theta)
+    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+        """Spread around the spot."""
+        return added(scene.moving * self.patch(scene, place)[:, None] * theta)
 
 
 class HiddenTether(AtSpot):
@@ -179,9 +189,9 @@ class HiddenTether(AtSpot):
         """What would hold a patch of some spacings about as stiffly as the material around it."""
         return np.array([10 * float(np.median(scene.mu)) * scene.cloud.spacing])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
-        """Springs over two spacings."""
-        w = scene.patch(place, 2 * scene.cloud.spacing)
+    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+        """Springs spread around the spot."""
+        w = self.patch(scene, place)
         held = np.flatnonzero(w)
         return Change(terms=(Handles(points=held, targets=scene.cloud.x[None, held], alpha=0.5 * theta[0] * w[held]),))
 
