@@ -12,7 +12,7 @@ from benchmarks.hessian import hessian_rows
 from benchmarks.iterate import check_rows, iterate_rows
 from benchmarks.linear import linear_rows
 from benchmarks.table import Row, machine, markdown
-from veo_ti.atomic import replacing
+from recon.files import replacing
 
 _WORDS = (
     "How fast this simulator is beside other ways of computing the same. All peers took turns in this one run, so the "

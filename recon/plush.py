@@ -15,6 +15,7 @@ from recon.metrics import DistanceTable, table_of
 from sim.checks import as_array, require
 
 MM = 1e-3  # [m]
+MARKER_ID = 164  # the ArUco marker on the nozzle
 NOZZLE_IN_MARKER = np.array([0.0, 105.0, 0.0])  # [mm], where the stream starts in the marker's frame
 STREAM_IN_MARKER = np.array([0.0, 0.0, -1.0])
 TO_RECONSTRUCTION = np.array([1.0, -1.0, -1.0])  # the marker's world has y and z the other way round
@@ -97,7 +98,7 @@ def read_plush(folder: str | Path) -> PlushFolder:
         train_frames=_index(info, "trainingInd"),
         validation_frames=validation,
         sampled=_sampled(path, _index(info, "sampledVerts", raw or None), index, validation),
-        nozzle=_nozzle(path / "capture/aruco_path.json", int(frames.max(initial=-1)) + 1),
+        nozzle=read_nozzle(path / "capture/aruco_path.json", int(frames.max(initial=-1)) + 1),
         missing=tuple(f"{part} is missing: {CAN_STILL[part]}." for part in missing),
     )
 
@@ -200,8 +201,11 @@ def _sampled(path: Path, given: np.ndarray, index: np.ndarray, validation: np.nd
     return readings[int(np.argmin(away))]
 
 
-def _nozzle(path: Path, frames: int) -> NozzlePath | None:
-    """The nozzle's path over at least `frames` video frames, None when no file or no frame shows the marker."""
+def read_nozzle(path: Path, frames: int) -> NozzlePath | None:
+    """The nozzle's path over at least `frames` video frames, None when no file or no frame shows the marker.
+
+    Raises ValueError for a damaged file, another marker than the nozzle's, or a pose that holds no rotation.
+    """
     entries = _read(path, lambda p: json.loads(p.read_text())) if path.exists() else []
     poses = {i: _read(path, lambda _, e=entry: _pose(e)) for i, entry in enumerate(entries) if entry is not None}
     if not poses:
@@ -214,8 +218,10 @@ def _nozzle(path: Path, frames: int) -> NozzlePath | None:
 
 def _pose(entry: dict) -> tuple[np.ndarray, np.ndarray]:
     """p = R (0, 105, 0) + t and d = R (0, 0, -1), then y and z of both change sign; R, t: marker to world."""
+    ids = np.ravel(entry["aruco_ids"]).tolist()
+    require(ids == [MARKER_ID], "aruco_ids", f"be [{MARKER_ID}], the nozzle's marker", ids)
     rotation = as_array("rvecs", np.reshape(entry["rvecs"], (3, 3)), (3, 3))
-    orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-2
+    orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-2 and np.linalg.det(rotation) > 0
     require(bool(orthonormal), "rvecs", "be a rotation matrix", rotation.tolist())
     shift = as_array("tvecs", np.ravel(entry["tvecs"]), (3,))
     position = MM * TO_RECONSTRUCTION * (rotation @ NOZZLE_IN_MARKER + shift)

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from recon.files import replacing
 from recon.metrics import DistanceTable, distance_table
-from veo_ti.atomic import replacing
 from veo_ti.beam import CLOUDS, PUBLISHED, PUBLISHED_DROP_MM, BeamResult, identify_beam, read_settled
 from veo_ti.plots import INK, LOAD, MODEL, PAPER, PLAIN, REST
 from veo_ti.report import Section, Table, write_report

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.files import replacing
 from sim.fit import FitState
-from veo_ti.atomic import replacing
 
 
 def write_state(path: Path, key: str, state: FitState) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.files import replacing
 from sim.checks import require
-from veo_ti.atomic import replacing
 from veo_ti.store import Sequence, writable_folder
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.files import replacing
 from sim.checks import as_array, require
 from sim.terms.jet import Jet
-from veo_ti.atomic import replacing
 from veo_ti.observation_checks import check_amounts, check_holding, check_loads, check_motion
 from veo_ti.observation_files import JET_KEYS, NATIVE, OPTIONAL, REQUIRED, keys_sequence, read_keys
 from veo_ti.store import writable_folder, write_sequence

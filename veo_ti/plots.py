@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from recon.files import replacing
 from sim.checks import as_array
-from veo_ti.atomic import replacing
 
 INK, MODEL, PLAIN, REST, LOAD, PAPER = "#2b2d33", "#0b7a75", "#e08e1b", "#a6a8ad", "#6f7fb5", "#fbfbf9"
 

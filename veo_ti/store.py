@@ -14,8 +14,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from recon.files import replacing
 from sim.checks import as_array, require
-from veo_ti.atomic import replacing
 from veo_ti.vtkhdf import append_step, drop_unfinished, read_frames, write_frame
 
 SCHEMA = 1

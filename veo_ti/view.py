@@ -12,8 +12,8 @@ import imageio_ffmpeg
 import numpy as np
 import pyvista as pv
 
+from recon.files import replacing
 from sim.checks import as_array, require
-from veo_ti.atomic import replacing
 from veo_ti.stage import Colours, add_bar, add_spheres, image, limits_of, place, repaint, set_up, spacing_of, write
 from veo_ti.viewpoint import Viewpoint, look_at
 
