@@ -188,7 +188,8 @@ def doctor() -> int:
     return int(any(not f.ok and f.needed for f in findings))
 
 
-app.command(cli_capture.inspect)
+for command in (cli_capture.capture, cli_capture.inspect):
+    app.command(command)
 
 
 def main(arguments: list[str] | None = None) -> int:
