@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from recon.plush import MM, NOZZLE_IN_MARKER, TO_RECONSTRUCTION, NozzlePath
+from recon.plush import MARKER_ID, MM, NOZZLE_IN_MARKER, TO_RECONSTRUCTION, NozzlePath
 from sim.checks import as_array, require
 
 
@@ -64,7 +64,7 @@ def _marker(position: np.ndarray, direction: np.ndarray) -> dict[str, object]:
     x /= np.linalg.norm(x)
     rotation = np.stack([x, np.cross(z, x), z], axis=1)
     shift = TO_RECONSTRUCTION * position / MM - rotation @ NOZZLE_IN_MARKER
-    return {"aruco_ids": [164], "rvecs": rotation.tolist(), "tvecs": shift.tolist()}
+    return {"aruco_ids": [MARKER_ID], "rvecs": rotation.tolist(), "tvecs": shift.tolist()}
 
 
 def _made(folder: str | Path, name: str) -> Path:

@@ -14,7 +14,7 @@ LONGEST = 250
 
 SIM_ORDER = (
     "runtime", "dtypes", "checks", "_open3d", "blocks", "lame", "laws", "hull", "consistency", "cloud", "join",
-    "pattern", "stencil", "material", "elastic", "terms", "energy", "twolevel", "linear", "newton", "kept",
+    "pattern", "stencil", "material", "elastic", "occlusion", "terms", "energy", "twolevel", "linear", "newton", "kept",
     "vibration", "dynamics", "fixed_point", "follower", "rest_shape", "adjoint", "sensitivity", "prior", "basis",
     "evidence", "fit", "adam",
 )

@@ -9,7 +9,7 @@ from sim.fit import Target, guess_modulus
 from sim.lame import Lame
 from sim.terms.base import Term
 from sim.terms.handles import Handles
-from sim.terms.jet import jet_forces
+from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.observation import Observation
 
@@ -26,8 +26,14 @@ def forces_of(observation: Observation, cloud: RestCloud) -> np.ndarray:
     if observation.forces is not None:
         return observation.forces
     if observation.jet is not None:
-        return jet_forces(observation.jet, cloud.x, cloud.area)
+        return blown(observation, cloud, observation.jet)
     return np.zeros_like(observation.points)
+
+
+def blown(observation: Observation, cloud: RestCloud, jet: Jet) -> np.ndarray:
+    """The forces (T, N, 3) [N] of a jet; where they are not given, surface that other surface hides gets none."""
+    spacing = cloud.spacing if observation.forces is None else None
+    return jet_forces(jet, cloud.x, cloud.area, spacing=spacing)
 
 
 def target_of(observation: Observation) -> Target:

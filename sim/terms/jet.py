@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.checks import as_array, require
+from sim.occlusion import reached
+
+_WIDE = 20.0  # squared distance from the axis, in squared footprints, beyond which a jet is nothing (e^-10)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,11 +39,14 @@ class DistanceLaw:
         return np.where(along > 0, (np.maximum(along, self.core) / self.core) ** -self.exponent, 0.0)
 
 
-def jet_forces(jet: Jet, y: np.ndarray, area: np.ndarray, *, law: DistanceLaw | None = None) -> np.ndarray:
+def jet_forces(
+    jet: Jet, y: np.ndarray, area: np.ndarray, *, law: DistanceLaw | None = None, spacing: float | None = None
+) -> np.ndarray:
     """Forces (T, N, 3) [N] of a jet on points y (N, 3) or (T, N, 3) [m] with outward area vectors [m2] of either shape.
 
     `f_i = p0 exp(-r_i^2 / 2 sigma^2) max(0, -A_i . d) d` with `p0 = force / (2 pi sigma^2)`, r the distance from the
-    axis; without a law the distance along it does not matter. Surface behind other surface is blown on as well.
+    axis; without a law the distance along it does not matter. With the points' spacing [m] only surface counts that
+    the nozzle can reach (`sim.occlusion.reached`); without it surface behind other surface is blown on as well.
     A dead load takes the rest shape (`RestCloud.x`, `.area`), a follower load the deformed one (`sim.follower`).
     Raises ValueError for a footprint that is not positive and for shapes that do not fit.
     """
@@ -55,7 +61,21 @@ def jet_forces(jet: Jet, y: np.ndarray, area: np.ndarray, *, law: DistanceLaw | 
     pressure = force[:, None] / (2 * np.pi * jet.footprint**2) * np.exp(-across / (2 * jet.footprint**2))
     if law is not None:
         pressure = pressure * law.factor(along)
-    return (pressure * np.maximum(0.0, -(area * d).sum(axis=2)))[..., None] * d
+    blown = pressure * np.maximum(0.0, -(area * d).sum(axis=2))
+    if spacing is not None:
+        asked = (across < _WIDE * jet.footprint**2) & (blown > 0)
+        blown = blown * _reached(position[:, 0], d[:, 0], y, area, spacing, asked)
+    return blown[..., None] * d
+
+
+def _reached(
+    position: np.ndarray, d: np.ndarray, y: np.ndarray, area: np.ndarray, spacing: float, asked: np.ndarray
+) -> np.ndarray:
+    """How far (T, N) each frame's nozzle reaches the points; 0 for those not asked (T, N) bool."""
+    shape = (len(position), *y.shape[1:])
+    y, area = np.broadcast_to(y, shape), np.broadcast_to(area, shape)
+    frames = zip(position, d, y, area, asked, strict=True)
+    return np.array([reached(p, e, x, a, spacing, asked=wanted) for p, e, x, a, wanted in frames])
 
 
 def _batched(name: str, value: np.ndarray, frames: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
 from veo_ti.diagnosis.moments import Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
 
-_STEPS = 5
+_STEPS = 8
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE = 1e-3  # of the cost, likewise
 _CAUTION = 1.5  # largest change of log mu in one step

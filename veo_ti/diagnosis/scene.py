@@ -9,9 +9,10 @@ from sim.cloud import RestCloud
 from sim.energy import Energy
 from sim.fit import Target
 from sim.sensitivity import responses
+from sim.terms.jet import Jet
 from sim.vibration import Vibrations
 from veo_ti.observation import Observation
-from veo_ti.scene import forces_of
+from veo_ti.scene import blown, forces_of
 
 SPOTS = 40  # places on the surface that are tried
 
@@ -50,6 +51,10 @@ class Scene:
     def forces(self) -> np.ndarray:
         """The nominal forces (T, N, 3) [N]."""
         return forces_of(self.observation, self.cloud)
+
+    def blown(self, jet: Jet) -> np.ndarray:
+        """The forces of a jet (T, N, 3) [N], by the same rule as the nominal ones."""
+        return blown(self.observation, self.cloud, jet)
 
     @cached_property
     def total_force(self) -> np.ndarray:

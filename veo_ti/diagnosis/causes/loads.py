@@ -9,7 +9,6 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sim.terms.handles import Handles
-from sim.terms.jet import jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
@@ -40,9 +39,8 @@ class ForceDirection(Cause):
         turn = Rotation.from_rotvec(theta)
         if place == "force":
             return added(turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape) - scene.forces)
-        jet, cloud = scene.observation.jet, scene.cloud
-        turned = replace(jet, direction=turn.apply(jet.direction))
-        return added(jet_forces(turned, cloud.x, cloud.area) - jet_forces(jet, cloud.x, cloud.area))
+        jet = scene.observation.jet
+        return added(scene.blown(replace(jet, direction=turn.apply(jet.direction))) - scene.blown(jet))
 
     def describe(self, scene: Scene, place: str) -> str:
         """What is turned."""
@@ -59,16 +57,15 @@ class ForceOffset(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
-        jet, cloud = scene.observation.jet, scene.cloud
+        jet = scene.observation.jet
         if jet is not None:
-            shifted = replace(jet, position=jet.position + theta)
-            return added(jet_forces(shifted, cloud.x, cloud.area) - jet_forces(jet, cloud.x, cloud.area))
-        slope = cloud.deformation_gradient(scene.forces + cloud.x) - np.eye(3)
+            return added(scene.blown(replace(jet, position=jet.position + theta)) - scene.blown(jet))
+        slope = scene.cloud.deformation_gradient(scene.forces + scene.cloud.x) - np.eye(3)
         return added(-slope @ theta)
 
 
 class ForceMagnitude(Cause):
-    """f = f0 (|F| / F_max)^n, |F| the total of a frame."""
+    """f = f0 s^n, or f0 / (s + (1 - s) exp(n)), which saturates; s = |F| / F_max, |F| the total of a frame."""
 
     name = "force_magnitude"
     sentence = "The force is not proportional to its nominal strength: weak ones or strong ones are off."
@@ -81,11 +78,26 @@ class ForceMagnitude(Cause):
             return "all frames carry about the same load; measure at several levels"
         return None
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def places(self, scene: Scene) -> Sequence[str]:
+        """A power of the strength is off most where it is weak, a saturation also where it is strong."""
+        return ("power", "saturation")
+
+    def near(self, scene: Scene, place: str) -> Sequence[str]:
+        """The other law: far from the null they differ more than at it."""
+        return [law for law in self.places(scene) if law != place]
+
+    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
         """Scaled frame by frame."""
         share = scene.total_force / scene.total_force.max()
-        factor = np.where(share > 0, np.maximum(share, 1e-3) ** theta[0], 1.0) - 1
-        return added(factor[:, None, None] * scene.forces)
+        if place == "power":
+            factor = np.maximum(share, 1e-3) ** theta[0]
+        else:
+            factor = 1 / (share + (1 - share) * np.exp(theta[0]))
+        return added(np.where(share > 0, factor - 1, 0.0)[:, None, None] * scene.forces)
+
+    def describe(self, scene: Scene, place: str) -> str:
+        """By which law."""
+        return "by a power of its strength" if place == "power" else "by a saturation"
 
 
 class ForceTiming(Cause):
