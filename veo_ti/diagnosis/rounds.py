@@ -87,8 +87,14 @@ def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
         3 * seen.sum() - current.used(s2)
     )
     noise = measure_noise(scene, modes)
+    return float(np.sqrt(max(square - noise.local**2, 0.0))) > _least(scene, noise.local)
+
+
+def _least(scene: Scene, sigma: float) -> float:
+    """The root mean square of an effect [m], per coordinate, below which the simulation's own error is as large."""
+    seen = scene.target.seen & scene.train[:, None]
     motion = np.sqrt((((scene.y - scene.cloud.x) ** 2).sum(axis=2) * seen).sum() / (3 * seen.sum()))
-    return float(np.sqrt(max(square - noise.local**2, 0.0))) > max(VISIBLE * noise.local, VISIBLE_SHARE * motion)
+    return max(VISIBLE * sigma, VISIBLE_SHARE * float(motion))
 
 
 def scores_of(
@@ -111,8 +117,9 @@ def scores_of(
         residual=scene.target.residual(current.simulated), modes=modes,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
+    least = _least(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     scores = [
-        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor)
+        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)
         for cause, places, columns in table
     ]
     return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))

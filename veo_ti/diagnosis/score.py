@@ -12,6 +12,8 @@ from sim.evidence import posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.moments import Moments
 
+_SURE = 4.3  # standard deviations: 3 for a false alarm in 700, 1.3 for nine in ten
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Statistics:
@@ -108,18 +110,21 @@ class Score:
 
 
 def score(
-    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray, floor: float
-) -> Score:
+    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray, floor: float,
+    least: float,
+) -> Score:  # fmt: skip
     """The score of one cause; columns (places, d) of its directions. The number of places is paid for.
 
-    floor: the variance of the noise [m2], in which the smallest detectable size is meant.
+    floor: the variance of the noise [m2], and least: the norm over all data of an effect that stands out from the
+    simulation's own error [m], in which the smallest detectable size is meant.
     """
     results = [_at(statistics, cause, widths, c) for c in columns]
     evidence = np.array([r[0] for r in results])
     best = int(np.argmax(evidence))
     theta, sd, statistic, keep = results[best][1:]
     V = np.diagonal(replace(statistics, s2=floor).inner(columns[best], columns[best]))
-    detectable = 4.3 / np.sqrt(np.maximum(V, 1e-300))  # 3 for a false alarm in 700, 1.3 for nine in ten
+    needed = max(_SURE, least / np.sqrt(floor))
+    detectable = needed / np.sqrt(np.maximum(V, 1e-300))
     return Score(
         cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
         log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
