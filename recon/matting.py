@@ -62,6 +62,9 @@ def closed_form(image: np.ndarray, trimap: np.ndarray) -> np.ndarray:
     if not (trimap == 1).any() or not (trimap == 0.5).any():
         return alpha
     part = _surroundings(trimap > 0)
+    import numba
+
+    numba.config.THREADING_LAYER = "workqueue"  # Open3D's TBB is an older one, at which numba warns
     from pymatting import estimate_alpha_cf  # compiles with numba when imported
 
     colour = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
