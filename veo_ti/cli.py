@@ -188,7 +188,7 @@ def doctor() -> int:
     return int(any(not f.ok and f.needed for f in findings))
 
 
-for command in (cli_capture.capture, cli_capture.inspect):
+for command in (cli_capture.capture, cli_capture.inspect, cli_capture.rig):
     app.command(command)
 
 

@@ -67,3 +67,57 @@ def capture(
     if not finish:
         recording.record(spec, out, seconds)
     return recording.finish(out, calibration, without or [])
+
+
+def rig(
+    *,
+    out: Path,
+    shape: str = "plush",
+    cameras: int = 19,
+    frames: int = 48,
+    size: int = 1080,
+    greys: bool = True,
+    noise: float = 2.0,
+    drift: float = 0.02,
+    reconstruction: int = 0,
+    seed: int = 0,
+    fault: list[str] | None = None,
+) -> dict[str, object]:
+    """Film a soft object that never was: a recording in the PLUSH layout, and the truth beside it.
+
+    Parameters
+    ----------
+    out
+        folder for the recording; an interrupted run goes on when called again.
+    shape
+        plush, dinosaur, pillow or leaf.
+    cameras
+        how many devices, 4 to 19; the last three watch the nozzle.
+    frames
+        how many.
+    size
+        width of the colour pictures in pixels.
+    greys
+        also the left and right streams of every device.
+    noise
+        standard deviation of a grey level, of 255.
+    drift
+        largest relative change of a camera's exposure.
+    reconstruction
+        also write reconstruction/, from the truth, with so many points.
+    seed
+        of lenses, noise and drift.
+    fault
+        what shall be wrong: nozzle-deg=8, nozzle-mm=5, missing=cam0003, late=cam0002:3, dropped=cam0004:2, scale=1.1
+        or inertia.
+    """
+    from recon.rig.make import make_rig
+    from recon.rig.options import RigOptions, parse_faults
+    from veo_ti.progress import waiting
+
+    options = RigOptions(
+        shape=shape, cameras=cameras, frames=frames, size=size, greys=greys, noise=noise, drift=drift,
+        reconstruction=reconstruction, seed=seed, faults=parse_faults(fault or []),
+    )  # fmt: skip
+    with waiting("rig") as say:
+        return {"folder": str(make_rig(out, options, say))}

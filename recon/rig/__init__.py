@@ -1,0 +1,1 @@
+"""The synthetic capture rig: recordings with known truth, in exactly the PLUSH layout."""
