@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.cameras import Camera
-from recon.plush import NozzlePath
+from recon.plush.reconstruction import NozzlePath
 from recon.video import FrameSource
 from sim.checks import as_array, require
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from recon.calibration.charuco import Board, BoardViews
 from recon.cameras import Camera, look_at
-from recon.charuco import Board, BoardViews
 from recon.rigid import inverse, moved, rigid
 
 BOARD = Board(columns=9, rows=6, square=0.06, marker=0.045)

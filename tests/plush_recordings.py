@@ -7,7 +7,7 @@ import numpy as np
 from ellipsoid_scene import Scene, ring, swaying
 
 from recon.cameras import Camera, look_at
-from recon.plush_capture_writer import write_capture
+from recon.plush.capture_writer import write_capture
 
 FRAMES = 5
 SIZE = (72, 96)

@@ -8,13 +8,13 @@ import pytest
 from boards import BOARD, LENS, MIDDLE, SIZE, held_close, poses, ring, views_of
 from flat_pictures import picture
 
-from recon.bundle import BundleOptions
-from recon.calibrate import FIRST_CAMERA, calibrate_camera, calibrate_rig
+from recon.calibration.bundle import BundleOptions
+from recon.calibration.calibrate import FIRST_CAMERA, calibrate_camera, calibrate_rig
+from recon.calibration.charuco import Board, BoardViews, find_board
+from recon.calibration.sightings import LENS as NUMBERS
+from recon.calibration.sightings import Sightings, lenses, projected, residuals
 from recon.cameras import Camera
-from recon.charuco import Board, BoardViews, find_board
 from recon.rigid import inverse, moved, rigid, turn_of
-from recon.sightings import LENS as NUMBERS
-from recon.sightings import Sightings, lenses, projected, residuals
 
 PLAIN = BundleOptions(coefficients=5)
 FACTORY = np.array([0.5, -0.3, 0.0005, -0.0003, 0.02, 0.45, -0.2, 0.01, 0.0003, -0.0001, 0.0002, 0.0001])

@@ -8,10 +8,10 @@ import pytest
 from ellipsoid_scene import Scene, ring, silhouette, swaying
 
 from recon.cameras import Camera, look_at
-from recon.colmap import write_colmap
+from recon.exchange.colmap import write_colmap
+from recon.exchange.nerfstudio import read_transforms
+from recon.exchange.nerfstudio_writer import write_transforms
 from recon.images import write_image
-from recon.nerfstudio import read_transforms
-from recon.nerfstudio_writer import write_transforms
 
 FIVE = np.array([0.1, -0.05, 0.001, 0.002, 0.01])
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from furry import difference_network, shot
 
-from recon.masks import MaskOptions, brightness_mask, cleaned, plate_mask, plate_of
-from recon.matte_report import MatteFacts, MatteLimits, facts_of, judged
-from recon.matting import MattingOptions, closed_form, matte, trimap
-from recon.network_matting import network_matte, open_network
+from recon.mattes.masks import MaskOptions, brightness_mask, cleaned, plate_mask, plate_of
+from recon.mattes.matting import MattingOptions, closed_form, matte, trimap
+from recon.mattes.network import network_matte, open_network
+from recon.mattes.report import MatteFacts, MatteLimits, facts_of, judged
 
 QUICK = MattingOptions(closed_form=False)
 

@@ -8,12 +8,12 @@ from flat_pictures import picture
 from scipy.spatial.transform import Rotation, Slerp
 
 from recon.cameras import Camera, look_at
-from recon.choosing import chosen
-from recon.consensus import Detections, hypotheses
 from recon.marker import Finder, Marker
-from recon.nozzle import MARKER, NozzleTrack, TrackOptions, nozzle_path, stream_covariance, track
-from recon.plush import MARKER_ID, TO_RECONSTRUCTION, read_plush
-from recon.plush_writer import write_nozzle
+from recon.nozzle.choosing import chosen
+from recon.nozzle.consensus import Detections, hypotheses
+from recon.nozzle.path import MARKER, NozzleTrack, TrackOptions, nozzle_path, stream_covariance, track
+from recon.plush.reconstruction import MARKER_ID, TO_RECONSTRUCTION, read_plush
+from recon.plush.reconstruction_writer import write_nozzle
 from recon.rigid import moved, rigid, turn_of
 
 LENS = np.array([0.08, -0.15, 0.0005, -0.0003, 0.05])

@@ -12,8 +12,8 @@ from recon.cameras import Camera
 from recon.oak.aligned import finish_recording, rig_cameras
 from recon.oak.eeprom import recorded_cameras
 from recon.oak.rig import record_rig
-from recon.plush_calibration import write_calibration
-from recon.plush_capture import read_capture
+from recon.plush.calibration import write_calibration
+from recon.plush.capture import read_capture
 from recon.video import VideoFile
 
 COUNT = 20

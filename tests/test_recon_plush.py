@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from recon.metrics import distance_table
-from recon.plush import NozzlePath, paper_table_row, read_obj_points, read_plush
-from recon.plush_writer import write_nozzle, write_reconstruction, write_simulation
+from recon.plush.reconstruction import NozzlePath, paper_table_row, read_obj_points, read_plush
+from recon.plush.reconstruction_writer import write_nozzle, write_reconstruction, write_simulation
 
 RAW, FRAMES = 12, 6
 CLEANED = np.array([1, 2, 3, 5, 6, 7, 9, 11])

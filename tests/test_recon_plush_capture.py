@@ -8,7 +8,7 @@ import pytest
 from plush_recordings import FRAMES, SIZE, marker_poses, written_to
 
 from recon.images import write_image
-from recon.plush_capture import read_capture
+from recon.plush.capture import read_capture
 from recon.video import VideoFile, write_video
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from plush_recordings import SIZE, rig, written_to
 
-from recon.plush_capture import read_capture
-from recon.plush_capture_writer import write_capture
+from recon.plush.capture import read_capture
+from recon.plush.capture_writer import write_capture
 from recon.video import write_video
 
 

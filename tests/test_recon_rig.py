@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
-from recon.nozzle import MARKER
-from recon.plush import read_plush
-from recon.plush_capture import read_capture
+from recon.nozzle.path import MARKER
+from recon.plush.capture import read_capture
+from recon.plush.reconstruction import read_plush
 from recon.rig.make import make_rig
 from recon.rig.options import RigFaults, RigOptions, parse_faults
 from recon.rig.truth import read_truth

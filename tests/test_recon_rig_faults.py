@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_recon_rig import TINY, changed, contents
 
-from recon.plush_capture import read_capture
+from recon.plush.capture import read_capture
 from recon.rig.make import make_rig
 from recon.rig.options import RigFaults
 from recon.rig.truth import read_truth

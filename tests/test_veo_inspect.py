@@ -10,8 +10,8 @@ import pytest
 from ellipsoid_scene import RADII, Scene, ring, swaying
 
 from recon.cameras import look_at
-from recon.nerfstudio_writer import write_transforms
-from recon.plush_capture_writer import write_capture
+from recon.exchange.nerfstudio_writer import write_transforms
+from recon.plush.capture_writer import write_capture
 from recon.sync import estimate_offsets, motion_energy
 from veo_ti import stage
 from veo_ti.inspect import inspect_folder

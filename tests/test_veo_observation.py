@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from recon.plush import NozzlePath
-from recon.plush_writer import write_nozzle, write_reconstruction, write_simulation
+from recon.plush.reconstruction import NozzlePath
+from recon.plush.reconstruction_writer import write_nozzle, write_reconstruction, write_simulation
 from veo_ti.observation import Jet, Observation
 
 

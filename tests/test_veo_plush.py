@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from recon.plush import NozzlePath
-from recon.plush_writer import write_nozzle, write_reconstruction, write_simulation
+from recon.plush.reconstruction import NozzlePath
+from recon.plush.reconstruction_writer import write_nozzle, write_reconstruction, write_simulation
 from sim.lame import Lame
 from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce

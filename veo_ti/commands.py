@@ -69,7 +69,10 @@ def _paper_row(source: Path) -> DistanceTable | None:
     """The paper's own result on a PLUSH folder that holds one, and a line on every part that the folder lacks."""
     if not source.is_dir():
         return None
-    from recon.plush import paper_table_row, read_plush  # it needs torch: seconds that other inputs should not cost
+    from recon.plush.reconstruction import (  # it needs torch: seconds that other inputs should not cost
+        paper_table_row,
+        read_plush,
+    )
 
     folder = read_plush(source)
     for line in folder.missing:

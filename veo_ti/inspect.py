@@ -10,10 +10,10 @@ import numpy as np
 from recon.cameras import ROLES
 from recon.capture import Capture
 from recon.crop import FIRST_THRESHOLD, rough_matte
+from recon.exchange.nerfstudio import FILE as TRANSFORMS
+from recon.exchange.nerfstudio import read_transforms
 from recon.hull import Hull, visual_hull
-from recon.nerfstudio import FILE as TRANSFORMS
-from recon.nerfstudio import read_transforms
-from recon.plush_capture import read_capture
+from recon.plush.capture import read_capture
 from recon.sync import Sync, estimate_offsets, motion_energy
 from sim.checks import require
 from veo_ti.inspect_pictures import contact_sheet, nozzle_plot, rig_picture, sync_plot

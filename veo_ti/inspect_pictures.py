@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from recon.cameras import Camera
 from recon.hull import Hull
-from recon.plush import NozzlePath
+from recon.plush.reconstruction import NozzlePath
 from recon.sync import Sync
 from sim.checks import require
 from veo_ti.plots import INK, MODEL, PAPER, PLAIN, REST, saved

@@ -11,7 +11,7 @@ from sim.checks import require
 from veo_ti.store import Sequence, read_npz, read_sequence
 
 if TYPE_CHECKING:
-    from recon.plush import PlushFolder
+    from recon.plush.reconstruction import PlushFolder
 
 REQUIRED = ("points", "time", "fixed")
 JET_KEYS = ("nozzle_position", "nozzle_direction", "nozzle_force", "nozzle_footprint")
@@ -36,7 +36,7 @@ def read_keys(path: str | Path) -> dict[str, object]:
     path = Path(path)
     require(path.exists(), "input", "exist", repr(str(path)))
     if path.is_dir():
-        from recon.plush import read_plush  # it needs torch: seconds that other inputs should not cost
+        from recon.plush.reconstruction import read_plush  # it needs torch: seconds that other inputs should not cost
 
         return plush_keys(read_plush(path))
     require(path.suffix in (".npz", ".vtkhdf"), "input", "be .npz, .vtkhdf or a PLUSH object folder", repr(path.name))

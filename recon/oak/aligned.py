@@ -15,8 +15,8 @@ from recon.oak.pairing import Clocks, Groups, StreamTimes, clocks, pair
 from recon.oak.recording import PLACE, RecordedStream, read_stream
 from recon.oak.remux import contained, decodable
 from recon.oak.spec import DeviceSpec, RigSpec, StreamSpec, load_rig
-from recon.plush_calibration import camera_of, read_calibration
-from recon.plush_capture_writer import write_capture
+from recon.plush.calibration import camera_of, read_calibration
+from recon.plush.capture_writer import write_capture
 from recon.video import VideoFile
 from sim.checks import require
 

@@ -8,10 +8,10 @@ import numpy as np
 from recon.cameras import Camera
 from recon.files import read_json
 from recon.images import write_image
-from recon.nozzle import MARKER
-from recon.plush_calibration import write_calibration
-from recon.plush_capture_writer import write_capture
-from recon.plush_writer import write_reconstruction
+from recon.nozzle.path import MARKER
+from recon.plush.calibration import write_calibration
+from recon.plush.capture_writer import write_capture
+from recon.plush.reconstruction_writer import write_reconstruction
 from recon.rig.backdrop import backdrop
 from recon.rig.faults import shown_frames, written_cameras, written_marker
 from recon.rig.film import Film

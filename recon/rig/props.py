@@ -5,8 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from recon.nozzle import MARKER
-from recon.plush import MM, NOZZLE_IN_MARKER
+from recon.nozzle.path import MARKER
+from recon.plush.reconstruction import MM, NOZZLE_IN_MARKER
 from recon.rig.light import plain_light
 
 TUBE, LENGTH = 0.005, 0.16  # [m] radius and length of the nozzle's tube

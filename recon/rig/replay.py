@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import eigh
 
-from recon.plush import MM, NOZZLE_IN_MARKER, STREAM_IN_MARKER
+from recon.plush.reconstruction import MM, NOZZLE_IN_MARKER, STREAM_IN_MARKER
 from recon.rig.jet import Stream, stream_forces
 from recon.rig.motion import Motion
 from recon.rig.stage import FPS

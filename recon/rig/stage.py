@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from recon.cameras import Camera, look_at
-from recon.plush import TO_RECONSTRUCTION
+from recon.plush.reconstruction import TO_RECONSTRUCTION
 from recon.rig.options import RigOptions
 
 TARGET = np.array([0.0, 0.0, 0.15])  # the object's middle

@@ -7,8 +7,8 @@ import numpy as np
 
 from recon.cameras import Camera
 from recon.files import write_json
-from recon.plush import MARKER_ID, MM, TO_RECONSTRUCTION
-from recon.plush_calibration import write_calibration
+from recon.plush.calibration import write_calibration
+from recon.plush.reconstruction import MARKER_ID, MM, TO_RECONSTRUCTION
 from recon.video import write_video
 from sim.checks import as_array, require
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from recon.plush import MARKER_ID, MM, NOZZLE_IN_MARKER, TO_RECONSTRUCTION, NozzlePath
+from recon.plush.reconstruction import MARKER_ID, MM, NOZZLE_IN_MARKER, TO_RECONSTRUCTION, NozzlePath
 from sim.checks import as_array, require
 
 

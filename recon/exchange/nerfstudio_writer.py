@@ -6,9 +6,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from recon.cameras import Camera
+from recon.exchange.nerfstudio import FILE, FLIP, HALF
 from recon.files import write_json
 from recon.images import write_image
-from recon.nerfstudio import FILE, FLIP, HALF
 from recon.rigid import inverse
 from sim.checks import as_array, require
 

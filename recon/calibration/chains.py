@@ -7,10 +7,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from recon.bodies import fitted_bodies
+from recon.calibration.bodies import fitted_bodies
+from recon.calibration.sightings import Sightings, lenses, residuals
 from recon.cameras import Camera
 from recon.rigid import inverse, turn_of
-from recon.sightings import Sightings, lenses, residuals
 from sim.checks import require
 
 _LOOSE = 2.0  # [px], beyond which a corner no longer pulls by its square

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from recon.bundle import Bundle, BundleOptions, adjusted
+from recon.calibration.bundle import Bundle, BundleOptions, adjusted
+from recon.calibration.chains import board_poses, chained, view_poses
+from recon.calibration.charuco import Board, BoardViews
+from recon.calibration.sightings import Sightings, lenses
 from recon.cameras import STREAMS, Camera
-from recon.chains import board_poses, chained, view_poses
-from recon.charuco import Board, BoardViews
-from recon.plush import TO_RECONSTRUCTION
-from recon.sightings import Sightings, lenses
+from recon.plush.reconstruction import TO_RECONSTRUCTION
 from sim.checks import as_array, require
 
 FIRST_CAMERA = np.diag([*TO_RECONSTRUCTION, 1.0])  # T_camera_world of PLUSH's first camera: its own frame, y upwards

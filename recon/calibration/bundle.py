@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recon.bundle_problem import Problem, State, factor, least
+from recon.calibration.problem import Problem, State, factor, least
+from recon.calibration.sightings import LENS, Sightings, lenses, residuals, with_lens
 from recon.cameras import Camera
-from recon.sightings import LENS, Sightings, lenses, residuals, with_lens
 from sim.checks import require
 
 _RADIAL, _SHEAR, _TILT, _CENTRE = 0.5, 0.003, 0.01, 0.02

@@ -11,8 +11,8 @@ import numpy as np
 from recon.cameras import STREAMS, Camera
 from recon.capture import Capture
 from recon.images import ImageFiles, read_image
-from recon.plush import CAN_STILL, NozzlePath, read_nozzle
-from recon.plush_calibration import camera_of, read_calibration, require_millimetres
+from recon.plush.calibration import camera_of, read_calibration, require_millimetres
+from recon.plush.reconstruction import CAN_STILL, NozzlePath, read_nozzle
 from recon.video import FrameSource, VideoFile
 from sim.checks import require
 

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 
-from recon.bodies import huber
+from recon.calibration.bodies import huber
+from recon.calibration.sightings import LENS, Sightings, projected, residuals
 from recon.rigid import rigid
-from recon.sightings import LENS, Sightings, projected, residuals
 
 _CLOSE = 1e-7  # smallest relative gain of a step that is worth another
 _DAMPING = (1e-4, 1e-12, 1e10)  # at first, least, most

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from recon.bodies import fitted_bodies
+from recon.calibration.bodies import fitted_bodies
+from recon.calibration.sightings import Sightings, lenses, residuals
 from recon.cameras import Camera
 from recon.marker import Marker
 from recon.rigid import inverse
-from recon.sightings import Sightings, lenses, residuals
 
 _GATE = 1.0  # sides of the marker: how far one camera's guess may lie from what another saw
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from recon.cameras import Camera
 from recon.files import read_json, write_json
-from recon.plush import MM, TO_RECONSTRUCTION, NozzlePath
+from recon.plush.reconstruction import MM, TO_RECONSTRUCTION, NozzlePath
 from sim.checks import as_array, require
 
 KEYS = ("distortion", "extrinsic", "intrinsic", "resolution_w_h")

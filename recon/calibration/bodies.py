@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from recon.calibration.sightings import Projection, Sightings, projected
 from recon.rigid import rigid
-from recon.sightings import Projection, Sightings, projected
 
 _CLOSE = 1e-8  # smallest relative gain of a step that is worth another
 _UP, _DOWN = 8.0, 0.2  # of the damping after a bad and a good step

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from recon.consensus import Hypotheses
-from recon.gaps import filled
+from recon.nozzle.consensus import Hypotheses
+from recon.nozzle.gaps import filled
 from recon.rigid import inverse, turn_of
 
 _RIVAL = 16.0  # chi-squared within which a pose explains the same finds as well as the best

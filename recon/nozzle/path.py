@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.cameras import Camera
-from recon.choosing import chosen, noise_of
-from recon.consensus import Detections, Hypotheses, hypotheses
-from recon.gaps import filled
 from recon.marker import Finder, Marker
-from recon.plush import MARKER_ID, MM, NOZZLE_IN_MARKER, STREAM_IN_MARKER, NozzlePath
+from recon.nozzle.choosing import chosen, noise_of
+from recon.nozzle.consensus import Detections, Hypotheses, hypotheses
+from recon.nozzle.gaps import filled
+from recon.plush.reconstruction import MARKER_ID, MM, NOZZLE_IN_MARKER, STREAM_IN_MARKER, NozzlePath
 from recon.rigid import cross_matrix, moved
 from sim.checks import require
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from recon.masks import MaskOptions, brightness_mask, plate_mask
+from recon.mattes.masks import MaskOptions, brightness_mask, plate_mask
 from sim.checks import require
 
 _MARGIN = 8  # [px] of background around the object that the closed form sees

@@ -1,0 +1,1 @@
+"""Cameras, lenses and the rig from views of boards: detection, first poses along chains, bundle adjustment."""

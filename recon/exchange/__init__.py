@@ -1,0 +1,1 @@
+"""Other layouts: nerfstudio in and out, COLMAP text out."""

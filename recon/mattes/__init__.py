@@ -1,0 +1,1 @@
+"""Mattes: plate difference or brightness, trimap, closed form or a network, and which frames look wrong."""

@@ -1,0 +1,1 @@
+"""The PLUSH dataset's two folders, a recording and its reconstruction, both ways."""
