@@ -58,6 +58,18 @@ def left_out(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.nda
     return np.array(errors)
 
 
+def jackknife(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
+    """Standard deviations (K,) of the coefficients, from leaving out one part of the data after the other.
+
+    `sd^2 = (B - 1)/B sum_b (mean_b - average)^2` (Tukey 1958). Unlike the posterior's they grow where parts contradict
+    one another, as they do when the model is wrong or errors are alike within a part.
+    """
+    A, b = sum(p.A for p in parts), sum(p.b for p in parts)
+    rests = (Normal(A=A - p.A, b=b - p.b, c=0.0, count=0.0) for p in parts)
+    means = np.array([posterior(rest, prior, sigma).mean for rest in rests])
+    return np.sqrt((len(parts) - 1) * means.var(axis=0))
+
+
 def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8) -> float:
     """The noise that maximises the evidence: residual energy over the degrees of freedom that the fit leaves."""
     for _ in range(steps):

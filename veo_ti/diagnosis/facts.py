@@ -59,7 +59,7 @@ def _cause(candidate: Candidate, refit: Refit) -> dict[str, object]:
                 "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(value - 1.96 * sd),
                 "high": _plain(value + 1.96 * sd),
             }
-            for p, value, sd in zip(cause.parameters, refit.theta, refit.sd, strict=True)
+            for p, value, sd in zip(cause.parameters, refit.theta, refit.spread, strict=True)
         ],
         "log_evidence_gain": _plain(candidate.gained), "explained": _plain(candidate.explained),
         "converged": bool(refit.converged),

@@ -9,9 +9,12 @@ from sim.basis import Basis
 from sim.elastic import Elastic
 from sim.evidence import Normal, left_out, posterior
 from veo_ti.diagnosis.causes.base import Cause, Change
+from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.moments import Fingerprints
 from veo_ti.diagnosis.scene import Scene
+
+OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
 
 
 def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
@@ -46,7 +49,7 @@ class Refit:
     cause: Cause | None
     place: Any
     theta: np.ndarray  # (d,)
-    sd: np.ndarray  # (d,)
+    sd: np.ndarray  # (d,), of the posterior or of leaving out runs of frames, whichever is larger
     scene: Scene  # under the extended energy
     without: Scene  # the same motion, before the cause joined the energy
     coefficients: np.ndarray  # (K + E,), material and discretisation
@@ -58,6 +61,13 @@ class Refit:
     converged: bool
     sentence: str
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviations (d,) with what the simulation itself gets wrong: `sd^2 + (0.06 |theta|)^2`."""
+        units = {p.unit for p in self.cause.parameters}
+        size = np.linalg.norm(self.theta) if len(units) == 1 else np.abs(self.theta)
+        return np.hypot(self.sd, OURS * size)
 
     def evidence(self, s2: float) -> float:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
@@ -72,6 +82,19 @@ class Refit:
         residual = self.scene.target.residual(self.simulated)
         parts = self.kept.parts(residual, self.scene.target.seen, self.around, blocks)
         return float(left_out(parts, self.prior, np.sqrt(s2)).sum())
+
+    def apart(self) -> tuple["Refit", ...]:
+        """One for each cause where there are two, with the parameters that they have together."""
+        if not isinstance(self.cause, Beside):
+            return (self,)
+        n = len(self.coefficients)
+        return tuple(
+            replace(
+                self, cause=cause, place=at, theta=self.theta[own], sd=self.sd[own],
+                prior=np.concatenate([self.prior[:n], self.prior[n:][own]]),
+            )
+            for (cause, own), at in zip(self.cause.parts, self.place, strict=True)
+        )  # fmt: skip
 
     def taken_in(self) -> "Refit":
         """The same with the cause as part of the model and of the observation, so that the next one stands alone."""

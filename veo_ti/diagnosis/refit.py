@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim.energy import Energy
-from sim.evidence import Normal, Posterior, posterior
+from sim.evidence import Normal, Posterior, jackknife, posterior
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import directions_of
@@ -15,11 +16,16 @@ from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
 from veo_ti.diagnosis.moments import Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
 
-_STEPS = 8
+_STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE = 1e-3  # of the cost, likewise
 _CAUTION = 1.5  # largest change of log mu in one step
+_SHORTER = (0.1, 0.5)  # bounds of what a step is shortened to
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
+_PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
+_T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
+_ROUNDS = 2  # of motion and what follows from it, such as damage
+_STILL = 0.1  # of the noise, by which no point may still move between them
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
 
 
@@ -37,8 +43,8 @@ def refit(
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
     shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until it
-    costs less than none. History (viscous strain, damage)
-    follows the previous step's motion. The discretisation enters linearly. A step that raises the cost is shortened.
+    costs less than none. History (viscous strain, damage) belongs to the motion that it leads to, but for the slope of
+    the cost, which takes it as given. The discretisation enters linearly. A step that raises the cost is shortened.
     The fingerprints serve several steps; they are renewed where a step with old ones brings less than it promised.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
@@ -56,7 +62,7 @@ def refit(
         gain = 0.5 * change @ (normal.A / model.s2 + np.diag(1 / prior)) @ change
         if gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
             break
-        smaller = _lower(state, cost, base, model, solver, cause, place, change, prior)
+        smaller = _lower(state, cost, gain, base, model, solver, cause, place, change, prior)
         if smaller is None and fresh:
             break
         kept = smaller is not None and cost - smaller[1] > _KEPT * gain
@@ -84,12 +90,16 @@ def _solved(
 ) -> _State:  # fmt: skip
     K = model.basis.log_mu.shape[1]
     energy = base.with_elastic(model.elastic(base.elastic, coefficients[:K]))
-    change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
-    extended = replace(energy, terms=(*base.terms, *change.terms))
-    equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
+    for _ in range(_ROUNDS if cause is not None and cause.follows else 1):
+        change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
+        extended = replace(energy, terms=(*base.terms, *change.terms))
+        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
+        before, scene = scene.y, scene.moved(extended, equilibrium.y)
+        if np.abs(scene.y - before).max() < _STILL * np.sqrt(model.s2):
+            break
     return _State(
-        scene=scene.moved(extended, equilibrium.y), without=scene.moved(energy, equilibrium.y),
-        coefficients=coefficients, theta=theta, equilibrium=equilibrium,
+        scene=scene, without=scene.moved(energy, scene.y), coefficients=coefficients, theta=theta,
+        equilibrium=equilibrium,
     )  # fmt: skip
 
 
@@ -137,10 +147,13 @@ def _best_start(
 
 
 def _lower(
-    state: _State, cost: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    change: np.ndarray, prior: np.ndarray,
+    state: _State, cost: float, gain: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None,
+    place: Any, change: np.ndarray, prior: np.ndarray,
 ) -> tuple[_State, float] | None:  # fmt: skip
-    """The longest of a few shortened steps that lowers the cost, or None."""
+    """The longest of a few shortened steps that lowers the cost, or None.
+
+    Shortened to the lowest point of the parabola through the cost, its slope and the cost of the step that failed.
+    """
     K, n = model.basis.log_mu.shape[1], len(state.coefficients)
     size = min(1.0, _CAUTION / max(float(np.abs(model.basis.log_mu @ change[:K]).max()), 1e-12))
     for _ in range(4):
@@ -149,7 +162,8 @@ def _lower(
         lower = _cost(trial, model, cause, place, prior)
         if lower < cost:
             return trial, lower
-        size /= 3
+        slope = -2 * gain * size
+        size *= float(np.clip(-slope / (2 * (lower - cost - slope)), *_SHORTER))
     return None
 
 
@@ -177,7 +191,9 @@ def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) ->
     """Fresh fingerprints."""
     K, scene = model.basis.log_mu.shape[1], state.scene
     own = [] if cause is None else directions_of(cause, scene, place, state.theta)
-    companion = (lambda other: cause.change(other, state.theta, place)) if cause and cause.material else None
+    companion = None
+    if cause is not None and cause.companion(scene, state.theta, place) is not None:
+        companion = partial(cause.companion, theta=state.theta, place=place)
     carried = None if cause is None else cause.carried(scene, state.theta, place)
     a = state.coefficients[:K]
     found = moments(scene, model.basis, a, model.extra, own, companion=companion, carried=carried, keep=True)
@@ -194,10 +210,12 @@ def _result(
     state: _State, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
     kept: Fingerprints, model: Model, gain: float,
 ) -> Refit:  # fmt: skip
-    n = len(state.coefficients)
+    n, seen = len(state.coefficients), state.scene.target.seen
+    parts = kept.parts(_residual(state.scene, cause, place, state.theta), seen, _around(state, model), _PARTS)
+    sd = np.maximum(np.sqrt(np.diagonal(found.covariance)), _T * jackknife(parts, prior, np.sqrt(model.s2)))
     done = gain < max(_LEAST, 2 * _SHARE * cost)
     return Refit(
-        cause=cause, place=place, theta=state.theta, sd=np.sqrt(np.diagonal(found.covariance)[n:]), scene=state.scene,
+        cause=cause, place=place, theta=state.theta, sd=sd[n:], scene=state.scene,
         without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior,
         around=_around(state, model), kept=kept,
         short=float(gain), converged=bool(done), numerics=_numerics(found.mean[:n], model),

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.evidence import design_effect
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.model import Model, Refit
@@ -38,6 +39,7 @@ class Round:
     scores: tuple[Score, ...]  # best first
     candidates: tuple[Candidate, ...]  # best first
     verdict: Verdict
+    s2: float  # variance [m2] at which the candidates were weighed
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
 
@@ -55,17 +57,20 @@ def look(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
     even: bool = False,
 ) -> Round:  # fmt: skip
-    """floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: whether
-    what is wrong goes on evenly, as noise does."""
-    current = current.taken_in()
+    """Look for a cause beside what `current` holds: nothing, or a cause whose parameters then stay free.
+
+    floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: whether
+    what is wrong goes on evenly, as noise does.
+    """
+    taken = current.taken_in()
     say("fingerprints of all causes")
-    statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(current.scene))) for c in causes])
+    statistics, scores = scores_of(taken, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
-    if misfit.z < MISFIT or not _visible(current, model.s2, modes):
-        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing())
+    if misfit.z < MISFIT or not _visible(taken, model.s2, modes):
+        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
     if even:
-        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True))
-    leaders = _narrowed(_leaders(scores), current, model, floor, modes, say)
+        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True), s2=model.s2)
+    leaders = _narrowed(_leaders(scores), taken, model, floor, modes, say)
     tried, s2 = _tried(leaders, current, model, modes, say)
     floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result in tried)])
     before = statistics_of(current, replace(model, s2=floor), modes).misfit()
@@ -74,9 +79,11 @@ def look(
     verdict, experiment = judge(misfit, candidates), None
     if verdict.kind == "ambiguous":
         say("what would tell them apart")
-        first, second = (c.refit for c in verdict.causes[:2])
-        experiment = separating(current, first, second, model, s2)
-    return Round(misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, experiment=experiment)
+        first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])
+        experiment = separating(taken, first, second, model, s2)
+    return Round(
+        misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment
+    )
 
 
 def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
@@ -169,6 +176,10 @@ def _tried(
 def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
     say(f"refit with {found.name}")
     start, shift = current.coefficients, found.nuisances - current.coefficients
+    if current.cause is not None:
+        both, place = Beside(current.cause, found.cause), (current.place, found.place)
+        theta = np.concatenate([current.theta, np.zeros(len(found.theta))])
+        return refit(current.without, model, start, cause=both, place=place, theta=theta)
     return refit(current.scene, model, start, cause=found.cause, place=found.place, theta=found.theta, shift=shift)
 
 
@@ -176,7 +187,7 @@ def _placed(result: Refit, model: Model, say: Progress) -> Refit:
     """Once more where the refitted material shows a better place, as long as it does."""
     for _ in range(_MOVES):
         place = better_place(result, model)
-        if place == result.place:
+        if place is result.place:  # places may be arrays
             break
         say(f"{result.cause.name} at a better place")
         result = refit(result.without, model, result.coefficients, cause=result.cause, place=place, theta=result.theta)

@@ -1,7 +1,7 @@
 """The diagnosis from start to end: baseline, noise, misfit, scores, refits, verdict, gain, and a second cause."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
+from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
@@ -67,27 +68,20 @@ def diagnose(
     say("baseline")
     start = np.concatenate([state.a, np.zeros(len(extra))])
     baseline = refit(scene, model, start)
-    floor = noise.variance
     reasons = {cause.name: cause.untestable(scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
-    rounds, current = [], baseline
-    while True:
-        even = not rounds and goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
-        rounds.append(look(current, model, floor, modes, open_causes, say, even=even))
-        verdict = rounds[-1].verdict
-        if verdict.kind != "named":
-            break
-        current = verdict.causes[0].refit
-        left = measure_noise(current.taken_in().scene, modes)
-        noise = replace(noise, correlation=min(noise.correlation, left.correlation))
-        floor = noise.variance
-        model = replace(model, s2=counted(current.taken_in().scene, noise, modes))
-        if not second or len(rounds) == 2 or 1 - verdict.causes[0].explained < BESIDE:
-            break
-        open_causes = [cause for cause in open_causes if cause.name != current.cause.name]
+
+    def narrower(found: Candidate) -> tuple[Model, float]:
+        """The model and the floor once a cause is part of it: what it explains was no noise."""
+        left = found.refit.taken_in().scene
+        less = replace(noise, correlation=min(noise.correlation, measure_noise(left, modes).correlation))
+        return replace(model, s2=counted(left, less, modes)), less.variance
+
+    even = goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
+    rounds = _rounds(look(baseline, model, noise.variance, modes, open_causes, say, even=even), narrower, modes,
+                     open_causes if second else (), say)  # fmt: skip
     named = [r.verdict.causes[0] for r in rounds if r.verdict.kind == "named"]
-    if named and not stands(named):
-        rounds, current = [replace(rounds[0], verdict=unexplained(named[:1]))], baseline
+    current = named[-1].refit if named else baseline
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
         untestable={name: reason for name, reason in reasons.items() if reason}, seconds=time.perf_counter() - began,
@@ -99,6 +93,22 @@ def diagnose(
             },
         ),
     )  # fmt: skip
+
+
+def _rounds(
+    first: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
+    say: Progress,
+) -> list[Round]:  # fmt: skip
+    """The first look; a second one beside what it named, if that explains enough; else two causes at once."""
+    kind, found = first.verdict.kind, first.verdict.causes[:1]
+    if kind == "named" and stands(found):
+        others = [cause for cause in causes if cause.name != found[0].name]
+        worth = bool(others) and 1 - found[0].explained >= BESIDE
+        return [first, look(found[0].refit, *narrower(found[0]), modes, others, say)] if worth else [first]
+    if kind not in ("named", "unexplained"):
+        return [first]
+    alone = replace(first, verdict=unexplained(found)) if found else first
+    return list(two_at_once(alone, narrower, modes, causes, say) or [alone])
 
 
 def _scene(found: Identification) -> tuple[Scene, Basis]:

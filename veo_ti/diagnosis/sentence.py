@@ -47,14 +47,13 @@ def place(refit: Refit) -> str:
 
 
 def present(diagnosis: Diagnosis) -> tuple[Refit, ...]:
-    """The named causes at their best known parameters: the last one was looked at more closely."""
-    refits = [c.refit for c in diagnosis.named]
-    return (*refits[:-1], diagnosis.final) if refits else ()
+    """The named causes with the parameters that they have together."""
+    return diagnosis.final.apart() if diagnosis.named else ()
 
 
 def _of(refit: Refit) -> str:
     where = place(refit)
-    return f"{', ' + where if where else ''} ({size(refit.cause, refit.theta, refit.sd)})"
+    return f"{', ' + where if where else ''} ({size(refit.cause, refit.theta, refit.spread)})"
 
 
 def _named(diagnosis: Diagnosis) -> str:

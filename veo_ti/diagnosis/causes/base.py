@@ -47,11 +47,16 @@ class Cause:
     needs_mass = False  # whether the object must have been weighed
     over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is proportional to the material's parameters mu, lam
+    follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other
     known: tuple[float, ...] | None = None  # sizes (d,) the parameters have where the cause acts, if that is known
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""
         raise NotImplementedError
+
+    def companion(self, scene: Scene, theta: np.ndarray, place: Any) -> Change | None:
+        """The part of the change that is proportional to the material, or None."""
+        return self.change(scene, theta, place) if self.material else None
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried | None:
         """How what tracking shows moves on when motion and material change a little, beyond the motion's own change.

@@ -63,6 +63,7 @@ class AddedMass(AtSpot):
     sentence = "A mass that nobody weighed hangs on one spot: its weight pulls, and it has to be moved."
     parameters = (Parameter(name="mass", unit="kg", sd=1e-2, positive=True),)
     over_time = "a motion"
+    follows = True
 
     def untestable(self, scene: Scene) -> str | None:
         """Without gravity in the measurement it is told by its inertia only, and that takes weighing the object."""

@@ -35,6 +35,7 @@ class Softening(Cause):
     sentence = "The material grew softer where it was strained before, and stays so."
     parameters = (Parameter(name="damage", unit="-", sd=0.25, positive=True),)
     material = True
+    follows = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The damage that the baseline's motion has done so far; I0 is its 90th percentile over the object."""
@@ -50,6 +51,7 @@ class Viscoelasticity(Cause):
     sentence = "The material resists fast motion more than slow motion, and creeps after it."
     parameters = (Parameter(name="share", unit="-", sd=0.3, positive=True),)
     material = True
+    follows = True
     over_time = "a history"
 
     def places(self, scene: Scene) -> Sequence[float]:
@@ -78,6 +80,7 @@ class PermanentSet(Cause):
     sentence = "Part of the largest deformation so far stays when the load is gone."
     parameters = (Parameter(name="share", unit="-", sd=0.1, positive=True),)
     material = True
+    follows = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """An unstressed strain that follows the largest strain each point has seen."""

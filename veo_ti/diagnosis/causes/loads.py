@@ -141,6 +141,7 @@ class FollowerLoad(Cause):
     sentence = "The force turns and spreads with the surface it acts on instead of keeping its direction."
     parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True),)
     needs_load = True
+    follows = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """Carried along by the deformation of the baseline's motion."""

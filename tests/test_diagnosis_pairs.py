@@ -1,0 +1,95 @@
+"""Two causes at once: what both do together, refitted together, and named only where no other pair comes near."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis_experiment import NOISE, baseline, model, scene  # noqa: F401
+
+from sim.newton import NewtonOptions, equilibrate
+from veo_ti.diagnosis import pairs
+from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.loads import ForceMagnitude, ForceTiming, HiddenForce
+from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.model import shown_by
+from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.rounds import look, statistics_of
+from veo_ti.diagnosis.score import Misfit
+from veo_ti.diagnosis.verdict import Candidate, unexplained
+
+FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), 0.02
+
+
+@pytest.fixture(scope="module")
+def both() -> Beside:
+    return Beside(HiddenForce(), CameraScale())
+
+
+@pytest.fixture(scope="module")
+def place(scene):  # noqa: F811
+    return (list(HiddenForce().places(scene))[5], None)
+
+
+@pytest.fixture(scope="module")
+def filmed(scene, both, place):  # noqa: F811
+    """The scene with both effects in what was seen, and noise."""
+    change = both.change(scene, np.array([*FORCE, SCALE]), place)
+    energy = replace(scene.energy, terms=(*scene.energy.terms, *change.terms))
+    y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
+    seen = shown_by(scene.moved(energy, y), change)
+    noise = NOISE * np.random.default_rng(1).normal(size=seen.shape)
+    return replace(scene, target=replace(scene.target, y=seen + noise))
+
+
+def test_two_causes_push_with_both_and_show_both(scene, both, place):  # noqa: F811
+    force, scale = HiddenForce(), CameraScale()
+    change = both.change(scene, np.array([*FORCE, SCALE]), place)
+    alone = force.change(scene, FORCE, place[0])
+    assert sum(t.gradient(scene.y) for t in change.terms) == pytest.approx(alone.terms[0].gradient(scene.y))
+    frames = np.arange(len(scene.y))
+    expected = scale.change(scene, np.array([SCALE]), None).observe(scene.y, frames)
+    assert change.observe(scene.y, frames) == pytest.approx(expected)
+
+
+def test_refitted_together_both_get_their_sizes(filmed, model, both, place):  # noqa: F811
+    start, theta = np.zeros(len(model.prior)), np.zeros(4)
+    found = refit(filmed, model, start, cause=both, place=place, theta=theta)
+    assert found.converged
+    force, scale = found.apart()
+    assert (force.cause.name, scale.cause.name) == ("hidden_force", "camera_scale")
+    assert np.abs(force.theta - FORCE).max() < 0.1 * np.linalg.norm(FORCE)
+    assert (np.abs(force.theta - FORCE) < 4 * force.sd).all()
+    assert scale.theta[0] == pytest.approx(SCALE, abs=4 * scale.sd[0])
+    assert len(force.prior) == len(model.prior) + 3 and len(scale.prior) == len(model.prior) + 1
+
+
+def test_two_that_explain_together_what_none_explains_alone_are_named(filmed, model, baseline):  # noqa: F811
+    wrong = refit(filmed, model, np.zeros(len(model.prior)))
+    causes = [HiddenForce(), CameraScale(), ForceMagnitude(), ForceTiming()]
+    modes = model.basis.field.modes[:, :12]
+    first = look(wrong, model, NOISE**2, modes, causes, lambda text: None)
+    alone = replace(first, verdict=unexplained(()))
+    found = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None)
+    assert found is not None
+    assert {r.verdict.causes[0].name for r in found} == {"hidden_force", "camera_scale"}
+    before, after = (statistics_of(one, model, modes).misfit() for one in (wrong, found[1].verdict.causes[0].refit))
+    assert after.excess < 1e-3 * before.excess
+
+
+def pair(first: str, second: str, evidence: float, explained: float = 0.95) -> pairs._Pair:
+    def candidate(name: str) -> Candidate:
+        told = SimpleNamespace(cause=SimpleNamespace(name=name, sentence=name), evidence=lambda s2: evidence)
+        left = Misfit(energy=3.0, mean=0.0, sd=1.0)
+        return Candidate(refit=told, gained=100, predicted=100, misfit=left, explained=explained, settled=True,
+                         plausible=True)  # fmt: skip
+
+    return pairs._Pair(first=candidate(first), second=candidate(second), found=SimpleNamespace(s2=1.0))
+
+
+def test_a_pair_is_named_only_where_no_other_comes_near():
+    best, far, near = pair("a", "b", 200), pair("a", "c", 100), pair("d", "b", 190)
+    assert pairs._clear([far, best]) is best
+    assert pairs._clear([far, best, near]) is None
+    assert pairs._clear([best, pair("b", "a", 199)]) is best  # the same two, found the other way round
+    assert pairs._clear([]) is None

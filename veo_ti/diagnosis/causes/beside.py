@@ -1,0 +1,83 @@
+"""Two causes at once: one that was found, and another beside it, the parameters of both free."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change
+from veo_ti.diagnosis.scene import Scene
+
+Places = tuple[Any, Any]  # of the cause that was found, of the one beside it
+
+
+class Beside(Cause):
+    """What two causes do together, under the second one's name; the parameters are the first one's, then its own."""
+
+    def __init__(self, found: Cause, other: Cause) -> None:
+        self.found, self.other = found, other
+        self.name, self.sentence = other.name, other.sentence
+        self.parameters = (*found.parameters, *other.parameters)
+        self.follows = found.follows or other.follows
+
+    @property
+    def parts(self) -> tuple[tuple[Cause, slice], ...]:
+        """Both causes with their parameters' places in theta."""
+        n = len(self.found.parameters)
+        return (self.found, slice(0, n)), (self.other, slice(n, len(self.parameters)))
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Places) -> Change:
+        """Both changes; what tracking makes of the positions comes one after the other."""
+        each = [cause.change(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
+        return _joined(each)
+
+    def companion(self, scene: Scene, theta: np.ndarray, place: Places) -> Change | None:
+        """Of those that have one."""
+        each = [cause.companion(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
+        return _joined([c for c in each if c is not None]) if any(c is not None for c in each) else None
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Places) -> Carried | None:
+        """The sum, to first order."""
+        each = [cause.carried(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
+        some = [c for c in each if c is not None]
+        return (lambda *moved: sum(c(*moved) for c in some)) if some else None
+
+    def near(self, scene: Scene, place: Places) -> Sequence[Places]:
+        """One of both moved, unless one only follows the motion."""
+        if any(type(cause).carried is not Cause.carried for cause, _ in self.parts):
+            return ()
+        first, second = place
+        moved = [(to, second) for to in self.found.near(scene, first)]
+        return moved + [(first, to) for to in self.other.near(scene, second)]
+
+    def places(self, scene: Scene) -> Sequence[Places]:
+        """None: both have been placed."""
+        return ()
+
+    def describe(self, scene: Scene, place: Places) -> str:
+        """The second one's place in words."""
+        return self.other.describe(scene, place[1])
+
+    def plausible(self, theta: np.ndarray) -> bool:
+        """Both are."""
+        return all(cause.plausible(theta[own]) for cause, own in self.parts)
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """Both ones'."""
+        return np.concatenate([cause.widths(scene) for cause, _ in self.parts])
+
+
+def _joined(changes: Sequence[Change]) -> Change:
+    seen = [c.observe for c in changes if c.observe is not None]
+    return Change(terms=tuple(term for c in changes for term in c.terms), observe=_chained(seen) if seen else None)
+
+
+def _chained(
+    seen: Sequence[Callable[[np.ndarray, np.ndarray], np.ndarray]],
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        for one in seen:
+            y = one(y, frames)
+        return y
+
+    return observe
