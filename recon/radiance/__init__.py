@@ -1,0 +1,1 @@
+"""The radiance field: an encoding of space, packed volume rendering, a canonical field and what bends rays into it."""

@@ -1,0 +1,195 @@
+"""Multiresolution hash grid in Taichi, with its derivative in the place as well (Mueller et al. 2022, section 3).
+
+Rays are bent before they meet the canonical field, so a loss must reach the bending through the encoding's place.
+"""
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+import taichi as ti
+import torch
+
+from sim.checks import require
+from sim.runtime import ensure
+
+FEATURES = 2  # numbers a table entry holds
+_PRIMES = (2654435761, 805459861)  # of the hash; the first coordinate has one
+
+
+@dataclass(frozen=True, kw_only=True)
+class HashGrid:
+    """Levels from `coarsest` to `finest` cells along a side, geometrically spaced; tables of at most 2**log2_table."""
+
+    levels: int = 8
+    coarsest: int = 16
+    finest: int = 160
+    log2_table: int = 15
+
+    def __post_init__(self) -> None:
+        fits = self.levels >= 1 and 1 <= self.coarsest <= self.finest and 4 <= self.log2_table <= 24
+        require(fits, "hash grid", "have levels, rising resolutions and tables of 2**4 to 2**24", self)
+
+    @cached_property
+    def layout(self) -> np.ndarray:
+        """(L, 3) int: cells along a side, first entry in the table, whether every corner has an entry of its own."""
+        growth = (self.finest / self.coarsest) ** (1 / max(self.levels - 1, 1))
+        rows, first = [], 0
+        for level in range(self.levels):
+            cells = round(self.coarsest * growth**level)
+            dense = (cells + 1) ** 3 <= 2**self.log2_table
+            rows.append((cells, first, dense))
+            first += (cells + 1) ** 3 if dense else 2**self.log2_table
+        return np.array(rows, np.int32)
+
+    @property
+    def entries(self) -> int:
+        """Rows of the table."""
+        cells, first, dense = self.layout[-1].tolist()
+        return first + ((cells + 1) ** 3 if dense else 2**self.log2_table)
+
+    @property
+    def width(self) -> int:
+        """Numbers that encode one place."""
+        return FEATURES * self.levels
+
+
+class HashEncoding(torch.nn.Module):
+    """Places (N, 3) in the unit cube to (N, width) features; places outside are moved to its border.
+
+    `level_weight` (L,) scales the derivative in the place, not the features: at zero a level is seen but does not pull
+    at the bending, as fine levels must not while the motion is still far off.
+    """
+
+    def __init__(self, grid: HashGrid, *, seed: int = 0, dtype: torch.dtype = torch.float32) -> None:
+        super().__init__()
+        ensure()
+        self.grid = grid
+        start = torch.rand(grid.entries, FEATURES, generator=torch.Generator().manual_seed(seed), dtype=dtype)
+        self.table = torch.nn.Parameter(1e-2 * (2 * start - 1))
+        self.register_buffer("layout", torch.from_numpy(grid.layout), persistent=False)
+        self.register_buffer("level_weight", torch.ones(grid.levels, dtype=dtype), persistent=False)
+
+    def forward(self, places: torch.Tensor) -> torch.Tensor:
+        """Trilinear interpolation of every level's corners."""
+        return _Encode.apply(places, self.table, self.layout, self.level_weight)
+
+
+class _Encode(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, places, table, layout, level_weight):
+        places, table = places.detach().contiguous(), table.detach()
+        out = places.new_empty(len(places), FEATURES * len(layout))
+        _kernels(places.dtype).encode(places, table, layout, 2**_log2_table(table, layout) - 1, out)
+        ctx.save_for_backward(places, table, layout, level_weight)
+        return out
+
+    @staticmethod
+    def backward(ctx, pulled):
+        places, table, layout, level_weight = (v.detach() for v in ctx.saved_tensors)
+        kernels, mask, pulled = _kernels(places.dtype), 2 ** _log2_table(table, layout) - 1, pulled.contiguous()
+        by_place = by_table = None
+        if ctx.needs_input_grad[0]:
+            by_place = torch.empty_like(places)
+            kernels.place_gradient(places, table, layout, level_weight, mask, pulled, by_place)
+        if ctx.needs_input_grad[1]:
+            by_table = torch.zeros_like(table)
+            kernels.table_gradient(places, layout, mask, pulled, by_table)
+        return by_place, by_table, None, None
+
+
+def _log2_table(table: torch.Tensor, layout: torch.Tensor) -> int:
+    """Of the hashed levels, the last of which ends the table; any number where there is none."""
+    return max(int(len(table) - layout[-1, 1]).bit_length() - 1, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Kernels:
+    encode: object
+    place_gradient: object
+    table_gradient: object
+
+
+@cache
+def _kernels(dtype: torch.dtype) -> _Kernels:
+    """The kernels in one precision: single to train with, double to check gradients with."""
+    real = {torch.float32: ti.f32, torch.float64: ti.f64}[dtype]
+    Reals1, Reals2 = (ti.types.ndarray(dtype=real, ndim=n) for n in (1, 2))
+    Layout = ti.types.ndarray(dtype=ti.i32, ndim=2)
+    triple = ti.types.vector(3, real)
+
+    @ti.func
+    def cell(places: ti.template(), n, cells):
+        """The place's cell and where in it the place lies, in cells."""
+        p = triple(0)
+        for a in ti.static(range(3)):
+            p[a] = ti.min(ti.max(places[n, a], ti.cast(0, real)), ti.cast(0.999999, real)) * ti.cast(cells, real)
+        corner = ti.cast(ti.floor(p), ti.i32)
+        return corner, p - ti.cast(corner, real)
+
+    @ti.func
+    def entry(layout: ti.template(), level, corner, mask):
+        cells, first = layout[level, 0], layout[level, 1]
+        at = corner[0] + (cells + 1) * (corner[1] + (cells + 1) * corner[2])
+        if layout[level, 2] == 0:
+            mixed = ti.cast(corner[0], ti.u32)
+            for a in ti.static(range(2)):
+                mixed ^= ti.cast(corner[a + 1], ti.u32) * ti.u32(_PRIMES[a])
+            at = ti.cast(mixed & ti.cast(mask, ti.u32), ti.i32)
+        return first + at
+
+    @ti.func
+    def share(inside, a: ti.template(), upper: ti.template()):
+        return inside[a] if ti.static(upper) else 1 - inside[a]
+
+    @ti.kernel
+    def encode(places: Reals2, table: Reals2, layout: Layout, mask: ti.i32, out: Reals2):
+        for n in range(places.shape[0]):
+            for level in range(layout.shape[0]):
+                corner, inside = cell(places, n, layout[level, 0])
+                total = ti.Vector.zero(real, FEATURES)
+                for c in ti.static(range(8)):
+                    weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
+                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
+                    for k in ti.static(range(FEATURES)):
+                        total[k] += weight * table[row, k]
+                for k in ti.static(range(FEATURES)):
+                    out[n, FEATURES * level + k] = total[k]
+
+    @ti.kernel
+    def place_gradient(
+        places: Reals2, table: Reals2, layout: Layout, level_weight: Reals1, mask: ti.i32, pulled: Reals2, out: Reals2
+    ):
+        for n in range(places.shape[0]):
+            total = triple(0)
+            for level in range(layout.shape[0]):
+                cells = layout[level, 0]
+                corner, inside = cell(places, n, cells)
+                for c in ti.static(range(8)):
+                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
+                    value = ti.cast(0, real)
+                    for k in ti.static(range(FEATURES)):
+                        value += table[row, k] * pulled[n, FEATURES * level + k]
+                    value *= ti.cast(cells, real) * level_weight[level]
+                    x, y, z = share(inside, 0, c & 1), share(inside, 1, c & 2), share(inside, 2, c & 4)
+                    total[0] += (1 if ti.static(c & 1) else -1) * value * y * z
+                    total[1] += (1 if ti.static(c & 2) else -1) * value * x * z
+                    total[2] += (1 if ti.static(c & 4) else -1) * value * x * y
+            for a in ti.static(range(3)):
+                beyond = places[n, a] < 0 or places[n, a] > ti.cast(0.999999, real)
+                out[n, a] = ti.cast(0, real) if beyond else total[a]
+
+    @ti.kernel
+    def table_gradient(places: Reals2, layout: Layout, mask: ti.i32, pulled: Reals2, out: Reals2):
+        # One level in one thread: no two threads add to the same entry, and the order of additions is always the same.
+        ti.loop_config(block_dim=1)
+        for level in range(layout.shape[0]):
+            for n in range(places.shape[0]):
+                corner, inside = cell(places, n, layout[level, 0])
+                for c in ti.static(range(8)):
+                    weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
+                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
+                    for k in ti.static(range(FEATURES)):
+                        out[row, k] += weight * pulled[n, FEATURES * level + k]
+
+    return _Kernels(encode=encode, place_gradient=place_gradient, table_gradient=table_gradient)
