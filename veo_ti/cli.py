@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
-from veo_ti import cli_capture
+from veo_ti import cli_capture, cli_footage
 
 app = App(
     name="veo",
@@ -188,7 +188,10 @@ def doctor() -> int:
     return int(any(not f.ok and f.needed for f in findings))
 
 
-for command in (cli_capture.capture, cli_capture.inspect, cli_capture.rig):
+for command in (
+    *(cli_capture.capture, cli_capture.inspect, cli_capture.rig),
+    *(cli_footage.calibrate, cli_footage.track, cli_footage.matte),
+):
     app.command(command)
 
 

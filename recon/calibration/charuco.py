@@ -1,7 +1,7 @@
 """The printed ChArUco board: a chessboard whose white squares carry markers, so that a part of it suffices."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -33,8 +33,13 @@ class Board:
         require(min(self.columns, self.rows) >= 3, "board", "have at least 3 x 3 squares", (self.columns, self.rows))
         sound = 0 < self.marker < self.square
         require(sound, "board marker", "be smaller than its square and positive", (self.marker, self.square))
-        most, needed = len(dictionary(self.dictionary).bytesList), self.columns * self.rows // 2
-        require(needed <= most, "board", f"need no more than {self.dictionary}'s {most} markers", needed)
+        most = len(dictionary(self.dictionary).bytesList)
+        require(self.markers <= most, "board", f"need no more than {self.dictionary}'s {most} markers", self.markers)
+
+    @property
+    def markers(self) -> int:
+        """How many markers it has; their ids begin at 0."""
+        return self.columns * self.rows // 2
 
     @property
     def corners(self) -> np.ndarray:
@@ -55,7 +60,11 @@ class Board:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardViews:
-    """What one camera saw of the board, one row for each corner; a shot is the same moment for all cameras."""
+    """What one camera saw of the board, one row for each corner; a shot is the same moment for all cameras.
+
+    markers: finds of the board's own markers, all pictures taken together; foreign (n,) int: the ids of finds of
+    markers of its dictionary that it does not have.
+    """
 
     name: str  # of the camera
     size: tuple[int, int]  # width, height [px]
@@ -63,6 +72,8 @@ class BoardViews:
     shot: np.ndarray  # (M,) int
     corner: np.ndarray  # (M,) int, row of the board's corners
     pixel: np.ndarray  # (M, 2) [px]
+    markers: int = 0
+    foreign: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def seen(self) -> np.ndarray:
@@ -77,7 +88,7 @@ def find_board(board: Board, name: str, images: Iterable[np.ndarray | None]) -> 
     Raises ValueError naming the camera when there is no picture or their sizes differ.
     """
     detector, opencv = cv2.aruco.CharucoDetector(board.opencv()), board.opencv()
-    rows, size, count = [], None, 0
+    rows, size, count, found = [], None, 0, [np.zeros(0, int)]
     for shot, image in enumerate(images):
         count = shot + 1
         if image is None:
@@ -87,10 +98,12 @@ def find_board(board: Board, name: str, images: Iterable[np.ndarray | None]) -> 
         rule = f"be {size[0]} x {size[1]} pixels of uint8 like its first"
         require(same, f"{name} picture {shot}", rule, f"{image.shape[1::-1]} {image.dtype}")
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        corners, ids, _, _ = detector.detectBoard(grey)
+        corners, ids, _, markers = detector.detectBoard(grey)
+        found += [] if markers is None else [np.ravel(markers)]
         if ids is not None and len(ids) >= FEWEST and not opencv.checkCharucoCornersCollinear(ids):
             rows.append((shot, np.ravel(ids), _sharpened(board, grey, np.ravel(ids), np.reshape(corners, (-1, 2)))))
     require(size is not None, f"{name} pictures", "hold at least one", count)
+    found = np.concatenate(found).astype(int)
     return BoardViews(
         name=name,
         size=(int(size[0]), int(size[1])),
@@ -98,6 +111,8 @@ def find_board(board: Board, name: str, images: Iterable[np.ndarray | None]) -> 
         shot=np.concatenate([np.full(len(i), s) for s, i, _ in rows] + [np.zeros(0, int)]),
         corner=np.concatenate([i for _, i, _ in rows] + [np.zeros(0, int)]).astype(int),
         pixel=np.concatenate([p for _, _, p in rows] + [np.zeros((0, 2))]).astype(float),
+        markers=int((found < board.markers).sum()),
+        foreign=found[found >= board.markers],
     )
 
 

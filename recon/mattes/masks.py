@@ -14,6 +14,10 @@ _LEVELS = 8  # classes of brightness, each with its own noise
 _EVERY = (slice(None, None, 4),) * 2  # pixels that the background's statistics are taken from
 _QUIET = 0.3186  # quarter quantile of |x| for a standard normal x
 _MEDIAN = 0.6745  # its median
+_CODED = 4.0  # grey levels by which the coding of a video may change flat parts, far apart
+_FULL = 235  # grey levels from which a channel may be saturated, noise and coding allowed for
+_WHITE = 0.3  # share of a part that is saturated, from which it is a lamp
+_TRIED, _OUTLINE = 24, 30  # thresholds tried, and pixels that an outline has at least
 _LEAST = 0.3  # grey levels, of rounding to whole ones
 
 
@@ -21,18 +25,22 @@ _LEAST = 0.3  # grey levels, of rounding to whole ones
 class MaskOptions:
     """sigmas: how far from the background's own noise the object begins. smallest: parts below this share of the
     largest part are specks. largest_hole: holes below this share of the object are filled (dark eyes, folds), larger
-    ones stay (between an arm and the body).
+    ones stay (between an arm and the body). threshold: of 255, what is brighter, or differs by more from the empty
+    scene, is the object, in place of sigmas.
     """
 
     sigmas: float = 6.0
     smallest: float = 0.02
     largest_hole: float = 0.02
+    threshold: float | None = None
 
     def __post_init__(self) -> None:
         require(self.sigmas > 0, "sigmas", "be positive", self.sigmas)
         for name in ("smallest", "largest_hole"):
             value = getattr(self, name)
             require(0 <= value <= 1, name, "be a share between 0 and 1", value)
+        sound = self.threshold is None or 0 < self.threshold < 255
+        require(sound, "threshold", "be above 0 and below 255", self.threshold)
 
 
 def plate_mask(image: np.ndarray, plate: np.ndarray, *, options: MaskOptions | None = None) -> np.ndarray:
@@ -44,14 +52,19 @@ def plate_mask(image: np.ndarray, plate: np.ndarray, *, options: MaskOptions | N
     options = options or MaskOptions()
     require(image.shape == plate.shape, "plate", f"have the picture's shape {image.shape}", plate.shape)
     seen, empty = (_channels(a) for a in (image, plate))
+    full = (seen >= _FULL) & (empty >= _FULL)  # a lamp is far brighter than that: exposure does not show in it
     mask, quantile = np.zeros(image.shape[:2], bool), (0.25, _QUIET)
     for _ in range(_ROUNDS):
         free = ~_grown(mask, 3)[_EVERY]
         if free.sum() < 100:
             break
-        change = cv2.GaussianBlur(seen - _drift(seen, empty, free) * empty, (0, 0), _BLUR)
-        change = change.reshape(seen.shape)
-        mask = np.sqrt(((change / _noise(change, empty, free, *quantile)) ** 2).sum(axis=2)) > options.sigmas
+        change = np.where(full, 0, seen - _drift(seen, empty, free) * empty)
+        change = cv2.GaussianBlur(change, (0, 0), _BLUR).reshape(seen.shape)
+        if options.threshold is None:
+            mask = np.sqrt(((change / _noise(change, empty, free, *quantile)) ** 2).sum(axis=2)) > options.sigmas
+            mask &= np.abs(change).max(axis=2) > _CODED
+        else:
+            mask = np.abs(change).max(axis=2) > options.threshold
         quantile = (0.5, _MEDIAN)
     return cleaned(_sharpened(mask, np.abs(change).sum(axis=2)), options)
 
@@ -71,13 +84,18 @@ def brightness_mask(image: np.ndarray, *, options: MaskOptions | None = None) ->
     """The object (H, W) bool in an image (H, W[, 3]) uint8 before a dark cloth: what is brighter than the cloth.
 
     The cloth's level is the darkest peak of the brightness, its spread that of the pixels below the peak, where
-    there is no object.
+    there is no object. Of the thresholds above the cloth the lowest is taken whose outline lies on edges at least
+    half as steep as those of the best one: a table under the object or light on the cloth have softer ones. A part
+    that is mostly saturated, and not the largest, is a lamp.
     """
     options = options or MaskOptions()
-    bright = cv2.GaussianBlur(_channels(image).max(axis=2), (0, 0), _BLUR)
+    shown = _channels(image)
+    bright = cv2.GaussianBlur(shown.max(axis=2), (0, 0), _BLUR)
     level, spread = _cloth(bright)
-    mask = bright > level + options.sigmas * spread
-    return cleaned(_sharpened(mask, bright - level), options)
+    full = shown.min(axis=2) >= _FULL
+    least = level + options.sigmas * spread
+    mask = bright > (_outlined(bright, full, level, least) if options.threshold is None else options.threshold)
+    return cleaned(_sharpened(mask & ~_lamps(mask, full), bright - level), options)
 
 
 def cleaned(mask: np.ndarray, options: MaskOptions) -> np.ndarray:
@@ -137,6 +155,30 @@ def _cloth(bright: np.ndarray) -> tuple[float, float]:
     level = float(np.median(near))
     below = level - bright[bright < level]
     return level, max(float(np.median(below)) / _MEDIAN if len(below) else 0.0, _LEAST)
+
+
+def _outlined(bright: np.ndarray, full: np.ndarray, level: float, least: float) -> float:
+    """The lowest threshold from `least` on whose outline is steep, lamps' outlines left out."""
+    steep = np.hypot(*(cv2.Sobel(bright, cv2.CV_32F, *way, scale=1 / 8) for way in ((1, 0), (0, 1))))
+    steep[_grown(full, 4)] = np.nan
+    most = max(float(bright.max()), 2 * least - level)
+    levels = level + np.geomspace(least - level, most - level, _TRIED)
+    sharp = np.zeros(len(levels))
+    for k, threshold in enumerate(levels):
+        mask = (bright > threshold).astype(np.uint8)
+        outline = steep[cv2.dilate(mask, np.ones((3, 3), np.uint8)) > mask]
+        outline = outline[np.isfinite(outline)]
+        sharp[k] = outline.mean() if len(outline) > _OUTLINE else 0.0
+    return float(levels[np.argmax(sharp >= 0.5 * sharp.max())])
+
+
+def _lamps(mask: np.ndarray, full: np.ndarray) -> np.ndarray:
+    """Parts (H, W) bool of the mask, but for the largest, that are saturated in all channels over much of them."""
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    area, white = (np.bincount(labels.ravel(), weights.ravel(), count) for weights in (mask, full))
+    lamp = white > _WHITE * np.maximum(area, 1)
+    lamp[[0, int(area.argmax())]] = False
+    return lamp[labels]
 
 
 def _sharpened(mask: np.ndarray, change: np.ndarray) -> np.ndarray:

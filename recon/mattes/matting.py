@@ -1,5 +1,7 @@
 """Mattes: how much of each pixel is the object (paper "Reconstruction": matting with a brightness threshold)."""
 
+import io
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 
 import cv2
@@ -68,7 +70,8 @@ def closed_form(image: np.ndarray, trimap: np.ndarray) -> np.ndarray:
     from pymatting import estimate_alpha_cf  # compiles with numba when imported
 
     colour = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    alpha[part] = np.clip(estimate_alpha_cf(colour[part] / 255.0, trimap[part]), 0, 1)
+    with redirect_stdout(io.StringIO()):  # it prints when it has to start again, where commands print their results
+        alpha[part] = np.clip(estimate_alpha_cf(colour[part] / 255.0, trimap[part]), 0, 1)
     return alpha
 
 

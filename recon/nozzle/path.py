@@ -71,8 +71,24 @@ def track(
 
     Raises ValueError for a picture of another size, naming camera and frame, and when no frame gives a pose.
     """
-    options = options or TrackOptions()
     found, others, count = _found(cameras, frames, marker)
+    return track_of(cameras, found, count, others=others, marker=marker, options=options)
+
+
+def track_of(
+    cameras: Sequence[Camera],
+    found: Detections,
+    count: int,
+    *,
+    others: Sequence[int] = (),
+    marker: Marker = MARKER,
+    options: TrackOptions | None = None,
+) -> NozzleTrack:
+    """The track of what was found in `count` frames of each camera; others: ids of other markers that were seen.
+
+    Raises ValueError when no frame gives a pose.
+    """
+    options = options or TrackOptions()
     got = f"ids {', '.join(map(str, others))}" if others else "no marker at all"
     require(len(found.frame) > 0, f"marker {marker.id}", f"be seen by {_names(cameras)}", got)
     poses = hypotheses(marker, cameras, found, agreement=options.agreement)

@@ -29,12 +29,17 @@ def write_capture(
     """
     place = Path(folder) / "capture"
     write_calibration(place / "calibration.json", cameras)
-    write_json(place / "aruco_path.json", [_marker(i, T) for i, T in enumerate(T_world_marker)])
+    write_markers(place / "aruco_path.json", T_world_marker)
     for camera in cameras:
         pictures = (_fitting(camera, image) for image in frames(camera.name))
         path, grey = place / f"{camera.name}.aligned.mp4", camera.stream != "colour"
         write_video(path, pictures, fps, turned=True, grey=grey)
     return place
+
+
+def write_markers(path: str | Path, T_world_marker: Sequence[np.ndarray | None]) -> Path:
+    """Write aruco_path.json: (4, 4) [m] by frame, null for None; raises ValueError for what is no rigid motion."""
+    return write_json(path, [_marker(i, T) for i, T in enumerate(T_world_marker)])
 
 
 def _marker(frame: int, T: np.ndarray | None) -> dict[str, object] | None:
