@@ -80,7 +80,7 @@ class _Encode(torch.autograd.Function):
     def forward(ctx, places, table, layout, level_weight):
         places, table = places.detach().contiguous(), table.detach()
         out = places.new_empty(len(places), FEATURES * len(layout))
-        _kernels(places.dtype).encode(places, table, layout, 2**_log2_table(table, layout) - 1, out)
+        _kernels(places.dtype).encode(places, table, layout, 2 ** _log2_table(table, layout) - 1, out)
         ctx.save_for_backward(places, table, layout, level_weight)
         return out
 

@@ -51,17 +51,19 @@ class Samples:
 
 def march(
     occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, *, step: float,
-    shift: torch.Tensor | None = None,
+    shift: torch.Tensor | None = None, until: torch.Tensor | None = None,
 ) -> Samples:  # fmt: skip
     """Samples every `step` [m] along rays from `start` (R, 3) [m] in unit `direction` (R, 3) in frames (R,), kept where
     the frame's cell is occupied.
 
-    shift (R,): where in the first step a ray's samples begin, 0 to 1; default the middle.
+    shift (R,): where in the first step a ray's samples begin, 0 to 1; default the middle. until (R,) [m]: where rays
+    end, such as on something opaque that stands in the field.
     """
     ensure()
     shift = torch.full((len(start),), 0.5) if shift is None else shift
-    frame32, origin = frame.to(torch.int32).contiguous(), occupancy.origin.to(torch.float32).contiguous()
-    given = start.contiguous(), direction.contiguous(), frame32, shift.contiguous(), occupancy.cells, origin
+    until = torch.full((len(start),), torch.inf) if until is None else until
+    given = start, direction, frame.to(torch.int32), shift, until, occupancy.cells, occupancy.origin.to(torch.float32)
+    given = tuple(v.contiguous() for v in given)
     rays = torch.zeros(len(start), 2, dtype=torch.int32)
     _count(*given, occupancy.spacing, step, rays)
     rays[:, 0] = torch.cumsum(rays[:, 1], 0) - rays[:, 1]
@@ -107,13 +109,14 @@ def _box(cells: ti.template(), origin: ti.template(), spacing: ti.f32):
 
 @ti.kernel
 def _count(
-    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, cells: Bytes4, origin: Reals1, spacing: ti.f32,
-    step: ti.f32, rays: Numbers2,
+    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, until: Reals1, cells: Bytes4, origin: Reals1,
+    spacing: ti.f32, step: ti.f32, rays: Numbers2,
 ):  # fmt: skip
     for r in range(start.shape[0]):
         o, d = _triple(start, r), _triple(direction, r)
         low, high = _box(cells, origin, spacing)
         near, far = _span(o, d, low, high)
+        far = ti.min(far, until[r])
         found, i = 0, 0
         depth = near + shift[r] * step
         while depth < far:
@@ -126,8 +129,8 @@ def _count(
 
 @ti.kernel
 def _write(
-    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, cells: Bytes4, origin: Reals1, spacing: ti.f32,
-    step: ti.f32, rays: Numbers2, place: Reals2, depths: Reals1, ray: Numbers1,
+    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, until: Reals1, cells: Bytes4, origin: Reals1,
+    spacing: ti.f32, step: ti.f32, rays: Numbers2, place: Reals2, depths: Reals1, ray: Numbers1,
 ):  # fmt: skip
     # Compiled apart, the two kernels may round a depth differently: no more samples are written than were counted, and
     # what would be missing is put where the ray leaves the box.
@@ -135,6 +138,7 @@ def _write(
         o, d = _triple(start, r), _triple(direction, r)
         low, high = _box(cells, origin, spacing)
         near, far = _span(o, d, low, high)
+        far = ti.min(far, until[r])
         n, end, i = rays[r, 0], rays[r, 0] + rays[r, 1], 0
         depth = near + shift[r] * step
         while n < end:

@@ -1,0 +1,79 @@
+"""Pictures of a field: rays of a camera, samples where something may be, composited. The field is any function."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from recon.cameras import Camera
+from recon.radiance.compositing import Composite, composite
+from recon.radiance.fields import Field
+from recon.radiance.marching import Occupancy, Samples, march
+from sim.checks import require
+
+_CHUNK = 1 << 14  # rays at a time
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """colour (h, w, 3) over black, opacity (h, w), 0 to 1; depth (h, w) [m] along the ray of what is opaque, infinite
+    elsewhere."""
+
+    colour: np.ndarray
+    opacity: np.ndarray
+    depth: np.ndarray
+
+
+def camera_rays(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+    """Start (P, 3) [m] and unit direction (P, 3) of the rays through all pixels' centres, row by row."""
+    directions = torch.from_numpy(camera.rays(camera.grid().reshape(-1, 2)).astype(np.float32))
+    return torch.from_numpy(camera.centre.astype(np.float32)).expand_as(directions), directions
+
+
+def along(
+    field: Field, occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, *,
+    shift: torch.Tensor | None = None, until: torch.Tensor | None = None,
+) -> tuple[Composite, Samples, torch.Tensor]:  # fmt: skip
+    """The composite of rays (R, 3) in frames (R,), their samples, and each sample's density times its length."""
+    samples = march(occupancy, start, direction, frame, step=occupancy.step, shift=shift, until=until)
+    density, colour = field(samples.place, samples.frame)
+    length = torch.full_like(samples.depth, occupancy.step)
+    return composite(density, colour, length, samples.depth, samples.rays), samples, density * occupancy.step
+
+
+@torch.no_grad()
+def render(
+    field: Field, occupancy: Occupancy, camera: Camera, *, frame: int = 0, behind: Picture | None = None
+) -> Picture:
+    """What a camera sees of a field in a frame of the occupancy.
+
+    behind: another picture of the same camera, such as a mesh that pushes the object: rays end where it is opaque, and
+    what they leave clear shows it. Raises ValueError when it has another size.
+    """
+    start, direction = camera_rays(camera)
+    until = _until(camera, behind)
+    parts = []
+    for some in torch.arange(len(start)).split(_CHUNK):
+        frames = torch.full((len(some),), frame)
+        parts.append(along(field, occupancy, start[some], direction[some], frames, until=until[some])[0])
+    colour, opacity, depth = (torch.cat([getattr(p, n) for p in parts]).numpy() for n in ("colour", "opacity", "depth"))
+    shape = camera.size[::-1]
+    away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
+    own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
+    return own if behind is None else _over(own, behind)
+
+
+def _until(camera: Camera, behind: Picture | None) -> torch.Tensor:
+    if behind is None:
+        return torch.full((camera.size[0] * camera.size[1],), torch.inf)
+    shape = camera.size[::-1]
+    require(behind.depth.shape == shape, "behind", f"have {camera.name}'s size {camera.size}", behind.depth.shape[::-1])
+    return torch.from_numpy(np.where(behind.opacity > 0.5, behind.depth, np.inf).astype(np.float32).ravel())
+
+
+def _over(own: Picture, behind: Picture) -> Picture:
+    left = 1 - own.opacity
+    return Picture(
+        colour=own.colour + left[..., None] * behind.colour, opacity=own.opacity + left * behind.opacity,
+        depth=np.minimum(own.depth, behind.depth),
+    )  # fmt: skip

@@ -1,0 +1,212 @@
+"""Train a dynamic field on filmed pictures: its canonical state first, then all frames, one joining after the other."""
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from recon.radiance.batches import Pixels, frames_of
+from recon.radiance.fields import Box, Dynamic, FieldOptions
+from recon.radiance.hulls import hulls_of
+from recon.radiance.losses import colour_loss, density_loss, warp_loss
+from recon.radiance.marching import Occupancy
+from recon.radiance.rendering import along
+from recon.radiance.run_state import Run
+from recon.views import Views
+from sim.checks import require
+
+Watch = Callable[[int, Dynamic, Occupancy], None]  # told the step and shown the field every so often
+
+CHECKPOINT = "checkpoint.pt"
+_EVERY = 200  # steps between checkpoints
+_SMOOTH = 0.98  # of the running mean of the loss
+_CANONICAL_END = 0.1  # of its rate, that the canonical field has at the end of its own stage
+_END = 0.05  # of their rates, that all have at the end
+_RAYS = (256, 8192)  # fewest and most in a step
+_WORSE = 5.0  # times its best running mean, at which the loss counts as diverged
+_RESTARTS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """Steps of both stages, samples a step, learning rates at their start, weights of losses.
+
+    ramp: share of the motion stage over which frames join; pulling: levels of the hash grid whose derivative bends rays
+    meanwhile; density: weight of the loss that makes the inside opaque; canonical_share: how much of its first rate
+    the canonical field keeps in the motion stage.
+    """
+
+    canonical_steps: int = 1200
+    motion_steps: int = 4000
+    samples: int = 1 << 14
+    field: FieldOptions = field(default_factory=FieldOptions)
+    field_rate: float = 1e-2
+    bending_rate: float = 2e-3
+    latent_rate: float = 5e-3
+    canonical_share: float = 0.1
+    ramp: float = 0.5
+    pulling: int = 5
+    density: float = 0.01
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        counts = min(self.canonical_steps, self.samples, self.pulling) >= 1 and self.motion_steps >= 0
+        require(counts, "steps, samples and pulling", "be positive", self)
+        rates = min(self.field_rate, self.bending_rate, self.latent_rate) > 0 and 0 < self.ramp <= 1
+        require(rates and self.density >= 0 and self.canonical_share >= 0, "rates and weights", "be in range", self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trained:
+    """field, where it may have something, and how the training ended: "done" or "diverged", with a sentence."""
+
+    field: Dynamic
+    box: Box
+    occupancy: Occupancy
+    status: str
+    sentence: str
+
+
+def train(
+    views: Views, folder: str | Path, options: TrainOptions | None = None, *, cells: int = 96,
+    say: Callable[[str], None] | None = None, watch: Watch | None = None, look: int = 1000,
+) -> Trained:  # fmt: skip
+    """Reconstruct what views show: a canonical field at frame 0 and the motion of all frames.
+
+    cells: of the hulls along the longest side; say: told what is being done; watch: shown the field every `look` steps.
+    A checkpoint in the folder is gone on from when it was made from the same views and options. A loss that is not
+    finite or grows goes back to the last checkpoint at half the rates; after three times the status is "diverged".
+    Raises ValueError without mattes, with one camera, or where a frame shows nothing.
+    """
+    options, folder, say = options or TrainOptions(), Path(folder), say or (lambda text: None)
+    folder.mkdir(parents=True, exist_ok=True)
+    box, occupancy = hulls_of(views, cells=cells, say=say)
+    pixels = Pixels.of(views, occupancy)
+    made_from = _fingerprint(views, options, cells)
+    run = _started(views, box, options)
+    run.resume(folder / CHECKPOINT, made_from)
+    run.save(folder / CHECKPOINT, made_from)
+    total = options.canonical_steps + options.motion_steps * (len(views.times) > 1)
+    while run.step < total:
+        loss = _step(run, pixels, occupancy, options, len(views.times))
+        if _diverged(run, loss):
+            if run.restarts == _RESTARTS:
+                told = (
+                    f"the training diverged {_RESTARTS + 1} times, last at step {run.step}; the last checkpoint is kept"
+                )
+                run.resume(folder / CHECKPOINT, made_from)
+                return _ended(run, box, occupancy, "diverged", told)
+            restarts, slower = run.restarts + 1, run.slower / 2
+            run.resume(folder / CHECKPOINT, made_from)
+            run.restarts, run.slower = restarts, slower
+            continue
+        run.step += 1
+        if run.step % _EVERY == 0 or run.step == total:
+            run.save(folder / CHECKPOINT, made_from)
+            say(f"step {run.step} of {total}, loss {run.mean:.4f}")
+        if watch is not None and (run.step % look == 0 or run.step == total):
+            watch(run.step, run.model, occupancy)
+    return _ended(run, box, occupancy, "done", f"trained for {total} steps")
+
+
+def _started(views: Views, box: Box, options: TrainOptions) -> Run:
+    model = Dynamic(box, len(views.times), options.field, seed=options.seed)
+    gains = torch.nn.Parameter(torch.tensor([[1.0, 0.0]]).repeat(len(views.cameras), 1))
+    adam = {"fused": True}
+    optimisers = {
+        "field": torch.optim.Adam(
+            [*model.canonical.parameters()], lr=options.field_rate, eps=1e-15, betas=(0.9, 0.99), **adam
+        ),
+        "gains": torch.optim.Adam([gains], lr=options.bending_rate, **adam),
+        "bending": torch.optim.Adam([*model.bending.parameters()], lr=options.bending_rate, **adam),
+        "latents": torch.optim.Adam([model.latents], lr=options.latent_rate, **adam),
+        "warping": torch.optim.Adam([*model.warping.parameters()], lr=options.bending_rate, **adam),
+    }
+    generator = torch.Generator().manual_seed(options.seed)
+    with torch.no_grad():
+        model.latents[1:2] = 0.1 * torch.randn(1, model.latents.shape[1], generator=generator)
+    return Run(model=model, gains=gains, optimisers=optimisers, generator=generator)
+
+
+def _step(run: Run, pixels: Pixels, occupancy: Occupancy, options: TrainOptions, frames: int) -> float:
+    """One batch of rays, one step of every optimiser; the loss."""
+    moving = run.step >= options.canonical_steps
+    chosen = _joined(run, options, frames) if moving else [0]
+    _set_rates(run, options, moving)
+    batch = pixels.draw(frames_of(run.rays, chosen, run.generator), run.generator)
+    behind, shift = (torch.rand(run.rays, *n, generator=run.generator) for n in ((3,), ()))
+    canonical: list[torch.Tensor] = []
+
+    def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        canonical.append(run.model.bent(places, frame))
+        return run.model.canonical(canonical[0])
+
+    seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame, shift=shift)
+    loss = colour_loss(seen, batch, run.gains, behind)
+    loss = loss + options.density * density_loss(seen, samples, thickness, batch)
+    warped = warp_loss(run.model, samples, canonical[0], thickness, run.generator) if moving else None
+    for optimiser in run.optimisers.values():
+        optimiser.zero_grad(set_to_none=True)
+    (loss if warped is None else loss + warped).backward()
+    for name, optimiser in run.optimisers.items():
+        if moving or name in ("field", "gains"):
+            optimiser.step()
+    run.rays = int(np.clip(run.rays * options.samples / max(len(samples.depth), 1), *_RAYS))
+    return float(loss.detach())
+
+
+def _joined(run: Run, options: TrainOptions, frames: int) -> list[int]:
+    """The frames that take part; one that joins starts from the motion of the one before it, and is drawn often."""
+    done = (run.step - options.canonical_steps) / max(options.motion_steps, 1)
+    count = min(frames, 2 + int(done / options.ramp * (frames - 1)))
+    before = min(frames, 2 + int((done - 1 / max(options.motion_steps, 1)) / options.ramp * (frames - 1)))
+    with torch.no_grad():
+        for frame in range(max(before, 2), count):
+            run.model.latents[frame] = run.model.latents[frame - 1]
+    every = list(range(count))
+    return every + [count - 1] * count + [count - 2] * (count // 2) if done < options.ramp else every
+
+
+def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:
+    """By the step alone, never by the clock; fine levels do not pull at the bending while frames join."""
+    if moving:
+        done = (run.step - options.canonical_steps) / max(options.motion_steps, 1)
+        fade = _END ** max(0.0, (done - options.ramp) / max(1 - options.ramp, 1e-9))
+        field = options.canonical_share * options.field_rate
+    else:
+        done = run.step / options.canonical_steps
+        fade, field = 1.0, options.field_rate * _CANONICAL_END**done
+    own = {"field": field, "latents": options.latent_rate}
+    for name, optimiser in run.optimisers.items():
+        optimiser.param_groups[0]["lr"] = run.slower * fade * own.get(name, options.bending_rate)
+    if options.field.encoding == "hash":
+        weight = run.model.canonical.encoding.level_weight
+        weight[:] = 1
+        weight[options.pulling :] = float(not moving or done >= options.ramp)
+
+
+def _diverged(run: Run, loss: float) -> bool:
+    """Whether the loss is no number, or its running mean has grown far above its best."""
+    if not math.isfinite(loss):
+        return True
+    run.mean = loss if math.isinf(run.mean) else _SMOOTH * run.mean + (1 - _SMOOTH) * loss
+    run.best = min(run.best, run.mean)
+    return run.mean > _WORSE * run.best and run.mean > _WORSE * 1e-2
+
+
+def _ended(run: Run, box: Box, occupancy: Occupancy, status: str, sentence: str) -> Trained:
+    return Trained(field=run.model.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence)
+
+
+def _fingerprint(views: Views, options: TrainOptions, cells: int) -> str:
+    """Changes when what was filmed, or how it is trained on, does."""
+    parts = [repr(options), repr(cells), repr(views.times.tolist())]
+    for camera, images, mattes in zip(views.cameras, views.images, views.mattes, strict=True):
+        middle = len(views.times) // 2
+        parts += [camera.name, camera.stream, repr(camera.K.tolist()), repr(camera.T_camera_world.tolist())]
+        parts += [hashlib.sha256(np.ascontiguousarray(a[f])).hexdigest() for a in (images, mattes) for f in (0, middle)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
