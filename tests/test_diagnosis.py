@@ -275,6 +275,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
     [
         ([found("a", 100, 0.95), found("b", 60, 0.7)], "named", ["a"]),  # far ahead
         ([found("a", 100, 0.95), found("b", 96, 0.94)], "ambiguous", ["a", "b"]),
+        ([found("a", 9000, 0.999, z=1), found("b", 8900, 0.99, z=7)], "named", ["a"]),  # a leaves noise: nats count
+        ([found("a", 9000, 0.95, z=30), found("b", 8900, 0.94, z=35)], "ambiguous", ["a", "b"]),  # neither is clean
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
@@ -291,6 +293,7 @@ def test_verdicts(candidates, kind, names):
     assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
 
 
-def test_names_stand_when_they_explain_nine_tenths_together():
-    part, most = found("a", 100, 0.7), found("b", 100, 0.92)
-    assert stands([most]) and stands([part, part]) and not stands([part])
+def test_one_name_stands_with_nine_tenths_and_two_need_more():
+    part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
+    assert stands([most]) and not stands([good])
+    assert stands([good, good]) and not stands([part, part])

@@ -26,6 +26,7 @@ _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach
 _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
 _MOVES = 3  # of a cause's place after its refit
+_NOISE = 1.0  # of the noise between neighbours, that the noise they share may add at most
 _IN_REACH = 2.0  # times the least that any leaves
 
 Progress = Callable[[str], None]
@@ -66,9 +67,10 @@ def look(
     say("fingerprints of all causes")
     statistics, scores = scores_of(taken, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
-    if misfit.z < MISFIT or not _visible(taken, model.s2, modes):
+    excess, local = _excess(taken, model.s2, modes)
+    if misfit.z < MISFIT or excess <= _least(taken.scene, local):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
-    if even:
+    if even and excess < _NOISE * local:
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True), s2=model.s2)
     leaders = _narrowed(_leaders(scores), taken, model, floor, modes, say)
     tried, s2 = _tried(leaders, current, model, modes, say)
@@ -86,15 +88,15 @@ def look(
     )
 
 
-def _visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
-    """Whether what is left beyond noise is more than the simulation's own error may be."""
+def _excess(current: Refit, s2: float, modes: np.ndarray) -> tuple[float, float]:
+    """Root mean square per coordinate [m] of what is left beyond noise, and the noise as neighbours show it."""
     scene = current.scene
     seen = scene.target.seen & scene.train[:, None]
     square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
         3 * seen.sum() - current.used(s2)
     )
-    noise = measure_noise(scene, modes)
-    return float(np.sqrt(max(square - noise.local**2, 0.0))) > _least(scene, noise.local)
+    local = measure_noise(scene, modes).local
+    return float(np.sqrt(max(square - local**2, 0.0))), local
 
 
 def _least(scene: Scene, sigma: float) -> float:

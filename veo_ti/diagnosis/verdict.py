@@ -12,10 +12,13 @@ VISIBLE = 0.35  # of the noise, and
 VISIBLE_SHARE = 0.004  # of the motion: root mean square below which the simulation's own error is as large
 BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
-APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind
+APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind; but
+CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted:
+SURE = 12.0  # nats then, or as many as what it leaves is worth
 EXPLAINED = 0.5  # share of the misfit's excess that a named cause must explain
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
-TOGETHER = 0.9  # share that all named causes must explain together
+TOGETHER = 0.9  # share that all named causes must explain together, and
+BOTH = 0.96  # where none of them does alone: two can imitate more than one
 BESIDE = 0.02  # share of it below which no second cause is looked for: the first one's shape is not known so well
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it
 
@@ -54,6 +57,13 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.misfit.z > 2 * MISFIT and other > 3 * left
 
 
+def _margin(best: Candidate) -> float:
+    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained."""
+    if best.misfit.z < CLEAN:
+        return max(SURE, best.gained * (1 - best.explained) / best.explained)
+    return max(APART, APART_SHARE * best.gained)
+
+
 def nothing(*, even: bool = False) -> Verdict:
     """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share."""
     sentence = "The simulation is as good as the measurement's noise allows."
@@ -71,8 +81,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
     if not accepted or accepted[0].explained < EXPLAINED:
         return unexplained(accepted[:1])
     best = accepted[0]
-    margin = max(APART, APART_SHARE * best.gained)
-    rivals = [c for c in accepted[1:] if best.gained - c.gained < margin and not _rejected(c, best)]
+    rivals = [c for c in accepted[1:] if best.gained - c.gained < _margin(best) and not _rejected(c, best)]
     if rivals and best.explained < TOGETHER:
         return unexplained(accepted[:1])
     if rivals:
@@ -93,4 +102,4 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named."""
-    return 1 - math.prod(1 - c.explained for c in causes) >= TOGETHER
+    return 1 - math.prod(1 - c.explained for c in causes) >= (TOGETHER if len(causes) == 1 else BOTH)
