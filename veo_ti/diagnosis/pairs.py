@@ -8,7 +8,7 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Progress, Round, look
-from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, Candidate, Verdict, stands
+from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, Verdict, stands
 
 _STARTS = 2  # causes that a second one is looked for beside
 
@@ -31,9 +31,11 @@ def two_at_once(
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
     alone: a round whose verdict is "unexplained"; narrower(candidate): model and floor once that cause is part of it.
-    A second cause is looked for beside each of the two that explain most; both are refitted together.
+    A second cause is looked for beside each of the two that explain most, at least half; both are refitted together.
     """
-    starts = [c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
+    starts = [
+        c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
+    ]
     pairs: list[_Pair] = []
     for start in sorted(starts, key=lambda c: -c.explained)[: _STARTS if causes else 0]:
         say(f"two at once, {start.name} and another")
