@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
-from veo_ti import cli_capture, cli_footage
+from veo_ti import cli_capture, cli_footage, cli_reconstruct
 
 app = App(
     name="veo",
@@ -190,7 +190,7 @@ def doctor() -> int:
 
 for command in (
     *(cli_capture.capture, cli_capture.inspect, cli_capture.rig),
-    *(cli_footage.calibrate, cli_footage.track, cli_footage.matte),
+    *(cli_footage.calibrate, cli_footage.track, cli_footage.matte, cli_reconstruct.reconstruct),
 ):
     app.command(command)
 

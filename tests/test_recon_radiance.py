@@ -1,0 +1,173 @@
+"""A painted ellipsoid that moves: field, motion and cloud from its pictures, judged by its closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from ellipsoid_scene import RADII, drawn, inside, ring, silhouette
+
+from recon.quality.similarity import psnr
+from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
+from recon.radiance.extraction import ExtractOptions, carried, extract
+from recon.radiance.fields import Box, Dynamic, FieldOptions
+from recon.radiance.hashgrid import HashGrid
+from recon.radiance.rendering import Picture, camera_rays, render
+from recon.radiance.storage import load_trained, save_trained
+from recon.radiance.training import TrainOptions, train
+from recon.views import Views
+
+SIZE, TRAIN = (44, 48), 7
+MIDDLE = np.array([[0, 0, 0], [0.02, 0.006, -0.01]])  # [m], 8 % of the object's diagonal
+GRID = HashGrid(levels=5, coarsest=8, finest=64, log2_table=13)
+OPTIONS = TrainOptions(canonical_steps=120, motion_steps=180, samples=4096, field=FieldOptions(grid=GRID), pulling=3)
+CELLS = 32
+
+
+def filmed(cameras, mattes: bool = True) -> Views:
+    def pictures(camera):
+        rays = camera.rays(camera.grid())
+        return np.stack([drawn(camera, m, rays).clip(0, 255).astype(np.uint8) for m in MIDDLE])
+
+    shown = tuple(np.stack([255 * silhouette(c, m).astype(np.uint8) for m in MIDDLE]) for c in cameras)
+    return Views(
+        cameras=tuple(cameras), times=np.array([0.0, 0.025]), images=tuple(map(pictures, cameras)),
+        mattes=shown if mattes else (), inside=tuple(np.ones(c.size[::-1], bool) for c in cameras),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cameras():
+    return [replace(camera, distortion=np.zeros(5)) for camera in ring(TRAIN + 1, SIZE, focal=72.0)]
+
+
+@pytest.fixture(scope="module")
+def views(cameras) -> Views:
+    return filmed(cameras[:TRAIN])
+
+
+@pytest.fixture(scope="module")
+def trained(views, tmp_path_factory):
+    return train(views, tmp_path_factory.mktemp("training"), OPTIONS, cells=CELLS)
+
+
+@pytest.fixture(scope="module")
+def cloud(trained, views):
+    return extract(trained, views, ExtractOptions(points=1500))
+
+
+def test_a_camera_that_taught_nothing_sees_the_object_in_both_frames(trained, cameras):
+    camera = cameras[TRAIN]
+    assert trained.status == "done"
+    for frame, middle in enumerate(MIDDLE):
+        shown = render(trained.field, trained.occupancy, camera, frame=frame)
+        matte = silhouette(camera, middle)
+        target = drawn(camera, middle, camera.rays(camera.grid())) / 255
+        flat = np.broadcast_to(target[matte].mean(axis=0), target.shape)
+        assert psnr(shown.colour, target, matte) > psnr(flat, target, matte) + 3
+        assert shown.opacity[matte].mean() > 0.93 and shown.opacity[~matte].mean() < 0.1
+        assert np.median(shown.depth[matte]) == pytest.approx(0.8 - RADII.mean(), abs=0.05)
+
+
+def test_points_of_the_surface_are_carried_along(trained):
+    points = inside(400, MIDDLE[0])
+    skin = points / np.linalg.norm(points / RADII, axis=1, keepdims=True) * 0.95
+    there = carried(trained.field, torch.from_numpy(skin.astype(np.float32)), 1).numpy()
+    off = np.linalg.norm(there - skin - MIDDLE[1], axis=1)
+    assert off.mean() < 0.4 * np.linalg.norm(MIDDLE[1])
+    still = carried(trained.field, torch.from_numpy(skin.astype(np.float32)), 0).numpy()
+    assert np.abs(still - skin).max() < 1e-6  # frame 0 is the canonical state itself
+
+
+def test_cloud_fills_the_object_with_its_skin_flagged(cloud):
+    """Points inside, grown by a spacing; normals against the ellipsoid's own."""
+    at = np.linalg.norm(cloud.points[0] / (RADII + cloud.spacing), axis=1)
+    assert 800 < len(at) <= 1500
+    assert (at < 1).mean() > 0.95
+    normal = cloud.points[0] / RADII**2
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    agree = (normal * cloud.normals).sum(axis=1)[cloud.surface]
+    assert 0.2 < cloud.surface.mean() < 0.8 and agree.mean() > 0.85
+    assert not cloud.normals[~cloud.surface].any()
+    depth = np.linalg.norm(cloud.points[0] / RADII, axis=1)
+    assert depth[cloud.surface].mean() > depth[~cloud.surface].mean() + 0.15
+
+
+def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, cameras):
+    """A shift nobody filmed, against the picture of the shifted ellipsoid; before it, something opaque hides it."""
+    shift, camera = np.array([-0.02, 0.03, 0.015]), cameras[TRAIN]
+    rest = cloud.points[0]
+    warp, cut = CloudWarp.of(rest, rest + shift), 1.5 * cloud.spacing
+    field = moved_field(trained.field.canonical, warp, cut)
+    occupancy = cloud_occupancy(rest + shift, cut=cut, cells=48)
+    shown, matte = render(field, occupancy, camera), silhouette(camera, shift)
+    still = render(trained.field, trained.occupancy, camera)
+    target = drawn(camera, shift, camera.rays(camera.grid())) / 255
+    assert psnr(shown.colour, target, matte) > psnr(still.colour, target, matte) + 3
+    assert (shown.opacity[matte] > 0.5).mean() > 0.93
+    shape = camera.size[::-1]
+    wall = Picture(colour=np.full((*shape, 3), 0.5), opacity=np.ones(shape), depth=np.full(shape, 0.3))
+    assert render(field, occupancy, camera, behind=wall).colour == pytest.approx(wall.colour, abs=1e-6)
+    far = replace(wall, depth=np.full(shape, 3.0))
+    both = render(field, occupancy, camera, behind=far).colour
+    assert both[matte] == pytest.approx((shown.colour + (1 - shown.opacity)[..., None] * 0.5)[matte], abs=1e-5)
+
+
+SHORT = replace(OPTIONS, canonical_steps=12, motion_steps=12, samples=512)
+
+
+def test_training_that_was_interrupted_ends_where_it_would_have(views, tmp_path, monkeypatch):
+    monkeypatch.setattr("recon.radiance.training._EVERY", 8)
+    whole = train(views, tmp_path / "whole", SHORT, cells=16)
+
+    def stop(step, *_):
+        if step == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(views, tmp_path / "cut", SHORT, cells=16, watch=stop, look=4)
+    again = train(views, tmp_path / "cut", SHORT, cells=16)
+    for name, value in whole.field.state_dict().items():
+        assert torch.equal(again.field.state_dict()[name], value), name
+
+
+def test_a_training_that_diverges_is_told_not_hidden(views, tmp_path):
+    wild = replace(SHORT, field_rate=1e38, canonical_steps=40)
+    found = train(views, tmp_path, wild, cells=16)
+    assert found.status == "diverged" and "diverged 4 times" in found.sentence
+    assert all(torch.isfinite(v).all() for v in found.field.state_dict().values())
+
+
+def test_a_field_is_read_back_as_it_was(trained, cameras, tmp_path):
+    kept = load_trained(save_trained(tmp_path / "field.pt", trained, OPTIONS.field))
+    first, second = (render(t.field, t.occupancy, cameras[0], frame=1).colour for t in (trained, kept))
+    assert (first == second).all() and kept.status == "done"
+    (tmp_path / "field.pt").write_bytes(b"no field")
+    with pytest.raises(ValueError, match=r"field\.pt must be a field that veo reconstruct wrote; got"):
+        load_trained(tmp_path / "field.pt")
+
+
+def test_the_papers_encoding_is_an_option():
+    paper = FieldOptions.paper()
+    model = Dynamic(Box(origin=np.zeros(3), side=1.0), 2, replace(paper, width=16, depth=2))
+    density, colour = model(torch.rand(5, 3), torch.zeros(5, dtype=torch.long))
+    assert paper.encoding == "positional" and (density > 0).all() and colour.shape == (5, 3)
+
+
+def test_rays_meet_the_pixels_they_belong_to(cameras):
+    start, direction = camera_rays(cameras[0])
+    pixels, _ = cameras[0].project((start + 0.7 * direction).double().numpy())
+    assert pixels == pytest.approx(cameras[0].grid().reshape(-1, 2), abs=1e-3)
+
+
+def test_what_cannot_be_reconstructed_ends_in_a_sentence(cameras, views, tmp_path):
+    with pytest.raises(ValueError, match="mattes must be there for every camera; make them first"):
+        train(filmed(cameras[:3], mattes=False), tmp_path, SHORT)
+    with pytest.raises(ValueError, match="cameras must be at least two; one alone shows no depth; got 1"):
+        train(filmed(cameras[:1]), tmp_path, SHORT)
+    black = replace(views, mattes=tuple(np.zeros_like(m) for m in views.mattes))
+    with pytest.raises(ValueError, match="frame 0: mattes must show the object"):
+        train(black, tmp_path, SHORT)
+    model = Dynamic(Box(origin=np.zeros(3), side=1.0), 2, OPTIONS.field)
+    with pytest.raises(ValueError, match="frame must be 0 to 1"):
+        model(torch.rand(1, 3), torch.tensor([2]))

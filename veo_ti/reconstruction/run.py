@@ -1,0 +1,154 @@
+"""From a recording with mattes to a trained field, its quality on cameras that taught nothing, and a 4D cloud."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from recon.capture import Capture
+from recon.exchange.nerfstudio import FILE as TRANSFORMS
+from recon.exchange.nerfstudio import read_transforms
+from recon.plush.capture import read_capture
+from recon.plush.reconstruction_writer import write_reconstruction
+from recon.quality.lpips import Lpips
+from recon.quality.similarity import QualityRow, quality_row
+from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
+from recon.radiance.rendering import render
+from recon.radiance.storage import load_trained, save_trained
+from recon.radiance.training import Trained, TrainOptions, train
+from recon.views import ViewOptions, Views, training_views
+from sim.checks import require
+from veo_ti.kept import key_of
+from veo_ti.reconstruction.pages import write_page
+from veo_ti.store import Sequence as Stored
+from veo_ti.store import writable_folder, write_json_atomic, write_sequence
+
+FIELD, FACTS, CLOUD = "field.pt", "reconstruct.json", "cloud.vtkhdf"
+_JUDGED = 6  # frames that the held-out cameras judge
+_EVERY = 6  # one camera in so many judges, where none is chosen
+_STILL = 0.002  # of the object's size, that a fixed point may seem to move
+_LOW = 0.1  # of its height, within which fixed points are looked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructChoice:
+    """resolution [px] of the longer side; test: cameras that judge; greys: whether left and right ones teach too."""
+
+    resolution: int = 128
+    test: tuple[str, ...] = ()
+    greys: bool = False
+    train: TrainOptions = field(default_factory=TrainOptions)
+    extract: ExtractOptions = field(default_factory=ExtractOptions)
+
+
+def reconstruct_folder(
+    folder: str | Path, out: str | Path, choice: ReconstructChoice | None = None,
+    say: Callable[[str], None] | None = None,
+) -> dict[str, object]:  # fmt: skip
+    """Write field.pt, `reconstruction/` as PLUSH has it, cloud.vtkhdf, pictures, reconstruct.json and .html into out.
+
+    What is there already, made from the same recording and choice, is not made again. Raises ValueError for a
+    recording without calibration or mattes, with one camera, or in which a frame shows nothing.
+    """
+    choice, say, out = choice or ReconstructChoice(), say or (lambda text: None), writable_folder(out)
+    capture = _read(Path(folder), choice)
+    streams = ("colour", "left", "right") if choice.greys else ("colour",)
+    say("pictures at training resolution")
+    size = ViewOptions(resolution=choice.resolution)
+    views = training_views(capture, out / "views", replace(size, streams=streams), say)
+    judges = training_views(capture, out / "views", replace(size, roles=("test",)), say)
+    trained = _trained(views, choice, out, say)
+    say("judging")
+    row, pairs = _judged(trained, judges)
+    say("points")
+    cloud = extract(trained, views, choice.extract)
+    fixed = fixed_points(cloud)
+    _write_cloud(out, cloud, fixed)
+    facts = _facts(capture, views, judges, trained, row, cloud, fixed)
+    write_json_atomic(out / FACTS, facts)
+    write_page(out, Path(folder), facts, pairs, cloud)
+    return facts
+
+
+def fixed_points(cloud: Cloud4D) -> np.ndarray:
+    """Points (N,) bool near the ground that never move: what the object stands on. The world's y points upwards."""
+    size = float(np.linalg.norm(np.ptp(cloud.points[0], axis=0)))
+    height = cloud.points[0, :, 1] - cloud.points[0, :, 1].min()
+    moved = np.linalg.norm(cloud.points - cloud.points[:1], axis=2).max(axis=0)
+    low = height < _LOW * np.ptp(cloud.points[0, :, 1])
+    still = moved < max(_STILL * size, float(np.quantile(moved[low], 0.5)))
+    return low & still
+
+
+def _read(folder: Path, choice: ReconstructChoice) -> Capture:
+    capture = read_transforms(folder) if (folder / TRANSFORMS).exists() else read_capture(folder, strict=False)
+    require(len(capture.cameras) > 0, "FOLDER", "hold calibrated cameras: veo calibrate", " ".join(capture.missing))
+    able = [c for c in capture.cameras if c.stream == "colour" and c.role != "nozzle" and c.name in capture.mattes]
+    require(len(able) >= 3, "FOLDER", f"hold mattes of at least three cameras: veo matte {folder}", f"{len(able)}")
+    names = [camera.name for camera in able]
+    test = choice.test or tuple(names[_EVERY // 2 :: _EVERY])
+    strange = sorted(set(test) - set(names))
+    require(not strange, "--test", f"be among {', '.join(names)}", ", ".join(strange))
+    require(len(test) <= len(names) - 2, "--test", "leave two cameras to learn from", ", ".join(test))
+    with_mattes = [c for c in capture.cameras if c.name in capture.mattes]
+    roles = {name: "test" for name in test}
+    return replace(capture, cameras=tuple(replace(c, role=roles.get(c.name, c.role)) for c in with_mattes))
+
+
+def _trained(views: Views, choice: ReconstructChoice, out: Path, say: Callable[[str], None]) -> Trained:
+    """The field that is there, when it was made from the same choice and pictures, else a new one."""
+    key = key_of(choice.train, choice.greys, *[c.name for c in views.cameras], *[i[0] for i in views.images],
+                 *[m[-1] for m in views.mattes])  # fmt: skip
+    note = out / "field.key"
+    if (out / FIELD).exists() and note.exists() and note.read_text(encoding="utf-8") == key:
+        return load_trained(out / FIELD)
+    trained = train(views, out / "training", choice.train, say=say)
+    save_trained(out / FIELD, trained, choice.train.field)
+    note.write_text(key, encoding="utf-8")
+    return trained
+
+
+def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str, int, np.ndarray, np.ndarray]]]:
+    """Quality on cameras that taught nothing, in a few frames; and the pairs of pictures it was measured on."""
+    frames = np.unique(np.linspace(0, len(judges.times) - 1, _JUDGED).astype(int)).tolist()
+    shown, filmed, mattes, pairs = [], [], [], []
+    for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
+        for frame in frames:
+            matte = np.asarray(masks[frame]) / 255
+            picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
+            target = matte[..., None] * images[frame] / 255
+            shown, filmed, mattes = [*shown, picture], [*filmed, target], [*mattes, matte]
+            pairs.append((camera.name, frame, picture, target))
+    return quality_row(shown, filmed, mattes, _lpips()), pairs
+
+
+def _lpips() -> Lpips | None:
+    """The measure, or None where its weights are not installed."""
+    try:
+        return Lpips.load()
+    except ValueError:
+        return None
+
+
+def _write_cloud(out: Path, cloud: Cloud4D, fixed: np.ndarray) -> None:
+    every = np.arange(cloud.points.shape[1])
+    write_reconstruction(out, vertices=cloud.points, colors=cloud.colours, object_index=every,
+                         fixed=np.flatnonzero(fixed))  # fmt: skip
+    static = {"colour": cloud.colours, "surface": cloud.surface, "normal": cloud.normals, "fixed": fixed}
+    write_sequence(out / CLOUD, Stored(time=cloud.times, points=cloud.points, static=static))
+
+
+def _facts(
+    capture: Capture, views: Views, judges: Views, trained: Trained, row: QualityRow, cloud: Cloud4D, fixed: np.ndarray
+) -> dict[str, object]:
+    names: Sequence[str] = [camera.name for camera in judges.cameras]
+    count = cloud.points.shape[1]
+    return {
+        "sentence": f"{len(views.times)} frames of {len(views.cameras)} cameras became a field that shows {len(names)} "
+        f"held-out cameras with {row.object_psnr:.1f} dB on the object, and {count} points.",
+        "status": trained.status, "training": trained.sentence, "train_cameras": [c.name for c in views.cameras],
+        "test_cameras": list(names), "quality": asdict(row), "points": count,
+        "surface_points": int(cloud.surface.sum()), "fixed_points": int(fixed.sum()), "spacing_mm": 1e3 * cloud.spacing,
+        "missing": list(capture.missing),
+    }  # fmt: skip
