@@ -1,5 +1,6 @@
 """One markdown table of measured figures beside their targets, with the machine named."""
 
+import math
 import os
 import platform
 import sys
@@ -50,14 +51,19 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _memory() -> str:
+def peak_memory() -> float:
+    """The most memory [GB] that this process held so far; NaN where the system does not say."""
     try:
         import resource
     except ImportError:  # Windows
-        return ""
+        return float("nan")
     unit = 1 if sys.platform == "darwin" else 1024
-    held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
-    return f"at most {held:.1f} GB of memory used, "
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
+
+
+def _memory() -> str:
+    held = peak_memory()
+    return "" if math.isnan(held) else f"at most {held:.1f} GB of memory used, "
 
 
 def _version(name: str) -> str | None:

@@ -1,11 +1,11 @@
 """The visual hull: the part of space that the mattes of all cameras allow."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_fill_holes
+from scipy.ndimage import binary_fill_holes, label
 
 from recon.cameras import Camera
 from sim.checks import as_array, require
@@ -59,6 +59,13 @@ class Hull:
         """[m3]."""
         return float(self.occupied.sum()) * self.spacing**3
 
+    def without_specks(self, share: float = 0.1) -> "Hull":
+        """The parts that have at least this share of the largest one's cubes: mattes may agree by chance elsewhere."""
+        parts, _ = label(self.occupied, np.ones((3, 3, 3)))
+        count = np.bincount(parts.ravel())
+        count[0] = 0
+        return replace(self, occupied=(count >= max(1.0, share * count.max()))[parts])
+
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Which points (..., 3) [m] lie in an occupied cube, (...) bool."""
         cell = np.floor((np.asarray(points, float) - self.origin) / self.spacing)
@@ -72,25 +79,31 @@ def visual_hull(
     mattes: Sequence[np.ndarray],
     options: HullOptions | None = None,
     bounds: np.ndarray | None = None,
+    *,
+    unclear: Sequence[np.ndarray | None] | None = None,
 ) -> Hull:
     """Carve a grid by mattes (height, width), nonzero on the object, as large as their cameras' pictures.
 
     Holes in a matte are filled and it grows by `grow` pixels and by half a cube's diagonal, so that no cube that the
     object touches is lost; a cube stays when at most `misses` of the cameras that see it disagree (none with three
-    cameras or fewer). bounds (2, 3) [m]: the box to carve in; found from the mattes when not given.
+    cameras or fewer). A camera whose matte the picture's edge does not cut says that nothing is beside its picture.
+    bounds (2, 3) [m]: the box to carve in; found from the mattes when not given. unclear: for each camera None or
+    its pixels (height, width) that say nothing, such as those where something may stand before the object.
     Raises ValueError for mattes that do not fit, fewer than two that show something, or that have nothing in common.
     """
     options = options or HullOptions()
     require(len(cameras) == len(mattes) >= 2, "mattes", "belong to at least two cameras, one each", len(mattes))
-    for camera, matte in zip(cameras, mattes, strict=True):
+    unclear = unclear or [None] * len(cameras)
+    for camera, matte, mask in zip(cameras, mattes, unclear, strict=True):
         wanted = f"be {camera.size[0]} x {camera.size[1]} pixels"
-        require(np.shape(matte) == camera.size[::-1], f"{camera.name} matte", wanted, np.shape(matte)[::-1])
+        for what, picture in (("matte", matte), ("unclear", matte if mask is None else mask)):
+            require(np.shape(picture) == camera.size[::-1], f"{camera.name} {what}", wanted, np.shape(picture)[::-1])
     showing = sum(bool(np.any(matte)) for matte in mattes)
     misses = min(options.misses, max(0, len(cameras) - FEWEST))
     require(
         showing >= max(2, len(cameras) - misses), "mattes", "show the object", f"{showing} of {len(mattes)} that do"
     )
-    away = [_away(matte) for matte in mattes]
+    away = [_Away.of(matte, mask) for matte, mask in zip(mattes, unclear, strict=True)]
     if bounds is None:
         box = _first_box(cameras, mattes)
         for _ in range(SHRINKS):
@@ -103,8 +116,29 @@ def visual_hull(
     return _carved(cameras, away, box, options.cells, options.grow, misses)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Away:
+    """distance (height, width) [px] from the matte without its holes, NaN where the camera says nothing.
+
+    whole: the picture's edge does not cut the matte, nor hides what the camera does not tell that it does.
+    """
+
+    distance: np.ndarray
+    whole: bool
+
+    @classmethod
+    def of(cls, matte: np.ndarray, unclear: np.ndarray | None) -> "_Away":
+        filled = binary_fill_holes(np.asarray(matte) > 0)
+        distance = cv2.distanceTransform((~filled).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        hidden = np.zeros_like(filled) if unclear is None else np.asarray(unclear) > 0
+        parts, _ = label(filled | hidden)
+        edge = np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])
+        cut = np.isin(edge[edge > 0], parts[filled]).any()
+        return cls(distance=np.where(hidden, np.nan, distance), whole=bool(filled.any() and not cut))
+
+
 def _carved(
-    cameras: Sequence[Camera], away: Sequence[np.ndarray], box: np.ndarray, cells: int, grow: float, misses: int
+    cameras: Sequence[Camera], away: Sequence[_Away], box: np.ndarray, cells: int, grow: float, misses: int
 ) -> Hull:
     """The grid over the box after every camera had its say; cubes that are out are not projected again."""
     spacing = float((box[1] - box[0]).max() / cells)
@@ -113,8 +147,8 @@ def _carved(
     centres = box[0] + spacing * (index + 0.5)
     against, favour = np.zeros(len(index), int), np.zeros(len(index), int)
     alive = np.arange(len(index))
-    for camera, distance in zip(cameras, away, strict=True):
-        seen, inside = _vote(camera, distance, centres[alive], grow, spacing)
+    for camera, matte in zip(cameras, away, strict=True):
+        seen, inside = _vote(camera, matte, centres[alive], grow, spacing)
         against[alive] += seen & ~inside
         favour[alive] += inside
         alive = alive[against[alive] <= misses]
@@ -126,22 +160,16 @@ def _carved(
 
 
 def _vote(
-    camera: Camera, distance: np.ndarray, centres: np.ndarray, grow: float, spacing: float
+    camera: Camera, matte: _Away, centres: np.ndarray, grow: float, spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the camera sees each cube's centre, and whether its matte is near enough to touch the cube."""
+    """Whether the camera says something of each cube, and whether its matte is near enough to touch the cube."""
     pixels, depth = camera.project(centres)
-    place = np.round(np.where(np.isfinite(pixels), pixels, -1)).astype(int)
-    seen = (place >= 0).all(axis=1) & (place < camera.size).all(axis=1)
-    reach = grow + spacing * np.sqrt(3) / 2 * max(camera.K[0, 0], camera.K[1, 1]) / np.where(seen, depth, 1.0)
-    inside = np.zeros(len(centres), bool)
-    inside[seen] = distance[place[seen, 1], place[seen, 0]] <= reach[seen]
-    return seen, inside
-
-
-def _away(matte: np.ndarray) -> np.ndarray:
-    """The distance [px] of every pixel from the matte without its holes."""
-    filled = binary_fill_holes(np.asarray(matte) > 0)
-    return cv2.distanceTransform((~filled).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    place = np.round(np.clip(np.where(np.isfinite(pixels), pixels, -1), -1, max(camera.size))).astype(int)
+    shown = (place >= 0).all(axis=1) & (place < camera.size).all(axis=1)
+    distance = np.full(len(centres), np.inf if matte.whole else np.nan)
+    distance[shown] = matte.distance[place[shown, 1], place[shown, 0]]
+    reach = grow + spacing * np.sqrt(3) / 2 * max(camera.K[0, 0], camera.K[1, 1]) / np.where(shown, depth, 1.0)
+    return ~np.isnan(distance), distance <= reach
 
 
 def _first_box(cameras: Sequence[Camera], mattes: Sequence[np.ndarray]) -> np.ndarray:

@@ -13,16 +13,20 @@ from rig_outlines import Pull, Soft
 from rig_solver import Model, Solver, march
 from scipy.sparse import csr_matrix
 
+from recon.rig.body import Body, edges_of
 from recon.rig.jet import Stream, stream_forces
-from recon.rig.motion import KNOT, STORE, Motion, pack, stored
+from recon.rig.motion import KNOT, STORE, Motion, coded, decoded, pack, stored
 
 FRAMES = 96
 DISTANCE = 0.30  # [m] from the nozzle to the place it points at
 PULLS = ((1, 14), (15, 28))  # first and last frame of each line's pull
 SHAKY = (0.004, np.deg2rad(1.2))  # of the hand that holds the nozzle: [m], [rad]
 KEPT = 15e-6  # [m], the stored motion is this close to the computed one
-STRAINED = 0.01  # and its strain to this share, in the energy norm, but for
-STILL = 1e-9  # [J]
+STRAINED = 0.0025  # and its strain to this share, in the energy norm, but for
+STILL = 1e-11  # [J]
+ROUNDED = 0.039  # share of the strain, in the energy norm and in half of the frames, that rounding the modes may add
+STRAINED_AT_ALL = 1e-9  # [J], the frames that count there
+COARSEST = 4e-6  # [m], the unit that rounding begins with
 
 
 def streams(soft: Soft, seed: int = 0) -> list[Stream]:
@@ -56,8 +60,8 @@ def knot_of(model: Model, pull: Pull) -> np.ndarray:
     return tied if len(tied) else np.flatnonzero(model.body.surface)[[distance[model.body.surface].argmin()]]
 
 
-def simulate(soft: Soft, intorder: int) -> tuple[Motion, str]:
-    """The motion of a body, and what it is like."""
+def simulate(soft: Soft, intorder: int) -> tuple[Motion, float, str]:
+    """The motion of a body, the unit [m] in which its modes are to be stored, and what it is like."""
     model = Model.of(soft, intorder)
     body, blown = model.body, streams(soft)
     knots = [knot_of(model, pull) for pull in soft.pulls]
@@ -82,7 +86,9 @@ def simulate(soft: Soft, intorder: int) -> tuple[Motion, str]:
         )
     u = np.stack(u)
     mass, stiffness = model.mass(soft.density), model.stiffness()
-    modes, course = reduced(u, stiffness, np.array([solver.energy(v) for v in u]))
+    energy = np.array([solver.energy(v) for v in u])
+    modes, course = reduced(u, stiffness, energy)
+    fine = fineness(body, modes, course, stiffness, energy)
     flat = modes.reshape(len(modes), -1)
     ratio = 2 * soft.poisson(body.nodes) / (1 - 2 * soft.poisson(body.nodes))
     motion = Motion(
@@ -96,7 +102,7 @@ def simulate(soft: Soft, intorder: int) -> tuple[Motion, str]:
     worst = np.linalg.norm(u, axis=2).max(axis=1)
     off = np.abs(np.einsum("tr,rnj->tnj", course, modes) - u).max()
     said = f"{len(body.nodes)} nodes, {len(modes)} modes, off by {1e6 * off:.0f} um, moved {1e3 * worst.max():.0f} mm"
-    return motion, said
+    return motion, fine, f"{said}, unit {1e6 * fine:g} um"
 
 
 def reduced(u: np.ndarray, stiffness: csr_matrix, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,6 +123,19 @@ def reduced(u: np.ndarray, stiffness: csr_matrix, energy: np.ndarray) -> tuple[n
     return (modes * most[:, None]).reshape(rank, *u.shape[1:]), course / most
 
 
+def fineness(body: Body, modes: np.ndarray, course: np.ndarray, stiffness: csr_matrix, energy: np.ndarray) -> float:
+    """The unit [m] of the stored modes (R, N, 3): rounding is noise of the shortest waves, which strains the most."""
+    edges, _ = edges_of(body.tetrahedra)
+    values, unit = np.moveaxis(modes, 0, 1).reshape(len(body.nodes), -1), COARSEST
+    while True:
+        off = decoded(coded(values, edges, unit), edges, unit) - values
+        off = np.moveaxis(off.reshape(len(off), -1, 3), 1, 0).reshape(len(modes), -1)
+        added = np.einsum("ta,ab,tb->t", course, off @ (stiffness @ off.T), course) / 2
+        if np.median((added / np.maximum(energy, STRAINED_AT_ALL))[energy > STRAINED_AT_ALL]) < ROUNDED**2:
+            return unit
+        unit /= 2
+
+
 def main() -> None:
     """Simulate the shapes asked for, keep the others that the file has, and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -126,8 +145,9 @@ def main() -> None:
     given = parser.parse_args()
     arrays = stored(given.out) if given.out.exists() else {}
     for shape in given.shapes:
-        motion, said = simulate(BODIES[shape](), given.intorder)
-        arrays = {key: value for key, value in arrays.items() if not key.startswith(f"{shape}/")} | pack(shape, motion)
+        motion, fine, said = simulate(BODIES[shape](), given.intorder)
+        others = {key: value for key, value in arrays.items() if not key.startswith(f"{shape}/")}
+        arrays = others | pack(shape, motion, fine)
         np.savez_compressed(given.out, **arrays)
         print(f"{shape}: {said}; {given.out.name} is now {given.out.stat().st_size / 1e6:.2f} MB", flush=True)
 

@@ -20,7 +20,8 @@ SIM_ORDER = (
 )
 SIM_FORBIDS = {"recon", "veo_ti", "torch", "h5py", "cv2", "pyvista", "rich", "cyclopts"}
 RECON_MAY_USE = {"sim.runtime", "sim.dtypes", "sim.checks"}
-PYPI = {"cv2": "opencv_python_headless", "skimage": "scikit_image", "vtkmodules": "pyvista"}  # where the import has another name
+# Where the import has another name than the package.
+PYPI = {"cv2": "opencv_python_headless", "skimage": "scikit_image", "vtkmodules": "pyvista"}
 MAY_PRINT = {"veo_ti.cli"}
 MAY_START_TAICHI = {"sim.runtime"}
 

@@ -1,10 +1,13 @@
 """The visual hull of an ellipsoid whose silhouettes are exact: nothing inside is lost, little outside is kept."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ellipsoid_scene import RADII, inside, ring, silhouette
 from scipy.ndimage import binary_erosion
 
+from recon.cameras import look_at
 from recon.hull import Hull, HullOptions, visual_hull
 
 MIDDLE = np.array([0.03, -0.02, 0.01])
@@ -51,6 +54,38 @@ def test_faulty_mattes_lose_nothing(fault):
     assert hull.volume < 4 * TRUE
 
 
+def test_what_stands_before_the_object_costs_nothing_where_it_is_said():
+    """A bar across the middle of three mattes: as unclear pixels it loses nothing and adds little."""
+    cameras, mattes = filmed(8)
+    bars = [np.zeros_like(matte) for matte in mattes]
+    for bar in bars[:3]:
+        bar[:, 30:42] = True
+    cut = [matte & ~bar for matte, bar in zip(mattes, bars, strict=True)]
+    points, options = inside(50_000, MIDDLE), HullOptions(cells=40)
+    assert visual_hull(cameras, cut, options).contains(points).mean() < 0.95
+    hull = visual_hull(cameras, cut, options, unclear=bars)
+    assert hull.contains(points).mean() >= 0.999
+    assert hull.volume < 1.25 * visual_hull(cameras, mattes, options).volume
+
+
+def test_nothing_is_beside_the_picture_of_a_whole_matte():
+    """Three cameras look the other way, past the first three, and all see a second thing there."""
+    cameras, mattes = filmed(8)
+    thing = MIDDLE + 3.0 * (cameras[0].centre - MIDDLE)
+    mattes = mattes[:5]
+    for way in (np.array([0.3, 0.1, 0]), np.array([-0.3, 0, 0.2]), np.array([0, 0.3, 0.3])):
+        T = look_at(thing + 2.5 * way, thing, np.array([0, 1.0, 0.1]))
+        cameras[len(mattes)] = replace(cameras[len(mattes)], T_camera_world=T)
+        mattes.append(silhouette(cameras[len(mattes)], thing))
+    both = np.stack([np.minimum(MIDDLE, thing) - 0.15, np.maximum(MIDDLE, thing) + 0.15])
+    with pytest.raises(ValueError, match="have a part of space in common"):
+        visual_hull(cameras, mattes, HullOptions(cells=50), both)
+    for matte in mattes[:5]:
+        matte[:, 0] = True  # the edge cuts it: what is beside the picture is open again
+    hull = visual_hull(cameras, mattes, HullOptions(cells=50), both)
+    assert hull.contains(thing[None]).all()
+
+
 def test_bounds_choose_the_part_that_is_carved():
     cameras, mattes = filmed(8)
     bounds = np.array([MIDDLE, MIDDLE + 0.12])
@@ -69,6 +104,15 @@ def test_cubes_points_and_surface_agree():
     assert hull.volume == pytest.approx(27 / 8)
     np.testing.assert_array_equal(hull.points[0], [1.75, 2.75, 3.75])
     np.testing.assert_array_equal(hull.contains(np.array([[0, 0, 0], [2.4, 3.1, 4.4], [1.2, 2.2, 3.2]])), [0, 1, 0])
+
+
+def test_specks_beside_the_object_go():
+    occupied = np.zeros((12, 9, 9), bool)
+    occupied[:6, :6, :6] = occupied[8:11, :3, :3] = occupied[11, 8, 8] = True
+    hull = Hull(occupied=occupied, origin=np.zeros(3), spacing=1.0)
+    clean = hull.without_specks()
+    assert clean.occupied.sum() == 216 + 27 and not clean.occupied[11, 8, 8]
+    assert hull.without_specks(0.2).occupied.sum() == 216 and hull.without_specks(0).occupied.sum() == 216 + 28
 
 
 def test_what_cannot_be_carved_is_one_sentence():

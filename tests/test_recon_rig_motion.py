@@ -43,32 +43,29 @@ def test_loads_and_reaction_cancel(motions, shape):
     assert checked >= 6
 
 
-LEAF = pytest.param("leaf", marks=pytest.mark.xfail(reason="its stored motion has too few points of integration"))
-
-
-@pytest.mark.parametrize("shape", ["plush", LEAF])
+@pytest.mark.parametrize("shape", SHAPES)
 def test_virtual_work_of_the_stress_is_that_of_the_loads(motions, shape):
     """int P : grad v = sum f . v for smooth v that vanish at the ground; stress by scikit-fem's gradients."""
     motion = motions[shape]
-    body, replay = motion.body, Replay.of(motion, motion.frames)
+    body, replay, checked = motion.body, Replay.of(motion, motion.frames), 0
     basis, place = elements(motion)
     mu, lam = (interpolated(basis, place, values) for values in (motion.mu, motion.lam))
     height = np.ptp(body.nodes[:, 2])
     rise = np.clip(body.nodes[:, 2] - body.nodes[motion.held, 2].max(), 0, None) / height
-    for frame in (int(motion.tension[:, 0].argmax()), 41, 62):
+    for frame in range(2, motion.frames, 4):
+        force = replay.jet(frame) + replay.lines(frame)
+        if np.linalg.norm(force.sum(axis=0)) < 0.2 * motion.force:
+            continue
         u = replay.nodes(frame) - body.nodes
         F = np.eye(3) + gradient(basis, place, u)
         J, H = np.linalg.det(F), np.linalg.inv(F).swapaxes(-1, -2)
         P = mu[..., None, None] * (F - H) + (lam * (J - 1) * J)[..., None, None] * H
-        force = replay.jet(frame) + replay.lines(frame)
-        for axis in range(3):
-            v = np.zeros_like(u)
-            v[:, axis] = rise**2
-            inner = (basis.dx[..., None, None] * P * gradient(basis, place, v)).sum()
-            outer = (force * v).sum()
-            scale = np.abs(force * v).sum() + 0.02 * motion.force
-            # The stored motions were found with fewer points of integration than here: up to 7 % in thin parts.
-            assert abs(inner - outer) < 0.1 * scale, (frame, axis)
+        work = (basis.dx[..., None, None] * P * gradient(basis, place, rise[:, None] ** 2)).sum(axis=(0, 1, 3))
+        scale = (np.linalg.norm(force, axis=1) * rise**2).sum()
+        # What is left is the rounding of the stored modes: short waves, which strain thin parts the most.
+        assert np.linalg.norm(work - rise**2 @ force) < 0.03 * scale, frame
+        checked += 1
+    assert checked >= 9
 
 
 def interpolated(basis: Basis, place: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -79,10 +76,10 @@ def interpolated(basis: Basis, place: np.ndarray, values: np.ndarray) -> np.ndar
 
 
 def gradient(basis: Basis, place: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """grad u (E, Q, 3, 3) of nodal values (N, 3) in the stored order."""
-    back = np.empty((basis.N, 3))
+    """grad u (E, Q, C, 3) of nodal values (N, C) in the stored order."""
+    back = np.empty(u.shape)
     back[place] = u
-    return np.stack([np.asarray(basis.interpolate(back[:, i]).grad) for i in range(3)]).transpose(2, 3, 0, 1)
+    return np.stack([np.asarray(basis.interpolate(column).grad) for column in back.T]).transpose(2, 3, 0, 1)
 
 
 def test_firm_parts_keep_their_volume(motions):

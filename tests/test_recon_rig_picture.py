@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recon.cameras import Camera, Resampling, look_at
+from recon.mattes.masks import brightness_mask
 from recon.rig.backdrop import backdrop
 from recon.rig.bake import Baked
 from recon.rig.body import six
@@ -158,3 +159,13 @@ def test_cloth_is_dark_and_lamps_are_seen():
     assert sum(p.max() > 1 for p in pictures) >= 3
     again = backdrop(replace(stage.on_stage(stage.cameras[0])))
     np.testing.assert_array_equal(again, pictures[0])
+
+
+def test_light_on_the_cloth_is_not_the_object():
+    """A wide glow that the picture's edge cuts, as bright in places as a part of the object that stands alone."""
+    rows, columns = np.indices((240, 160))
+    glow = 14 + 45 * np.exp(-((np.hypot(rows, columns - 60) / 45) ** 2))
+    thing = (np.hypot(rows - 150, columns - 80) < 35) | (np.hypot(rows - 215, columns - 80) < 12)
+    noise = np.random.default_rng(0).normal(0, 1.5, glow.shape)
+    found = brightness_mask(np.clip(np.where(thing, 85, glow) + noise, 0, 255).astype(np.uint8))
+    assert (found & thing).sum() / (found | thing).sum() > 0.95

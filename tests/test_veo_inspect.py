@@ -11,10 +11,15 @@ from ellipsoid_scene import RADII, Scene, ring, swaying
 
 from recon.cameras import look_at
 from recon.exchange.nerfstudio_writer import write_transforms
+from recon.plush.capture import read_capture
 from recon.plush.capture_writer import write_capture
+from recon.rig.make import make_rig
+from recon.rig.options import RigOptions
+from recon.rig.truth import read_truth
 from recon.sync import estimate_offsets, motion_energy
 from veo_ti import stage
 from veo_ti.inspect import inspect_folder
+from veo_ti.inspect_object import nozzle_regions, object_matte
 
 FRAMES = 32
 PICTURES = ("contact_sheet.png", "rig.png", "sync.png", "nozzle.png")
@@ -120,6 +125,27 @@ def test_a_nerfstudio_folder_is_inspected_too(tmp_path):
         inspect_folder(tmp_path / "in/transforms.json", tmp_path / "out")
 
 
+def test_the_nozzle_is_no_part_of_the_object(tmp_path):
+    """A rig recording without mattes: the marker is bright where the cameras see it, and not in the object."""
+    folder = make_rig(tmp_path / "plush", RigOptions(cameras=7, frames=3, size=160, greys=False))
+    capture, truth, notes = read_capture(folder), read_truth(folder), []
+    regions, checked = nozzle_regions(folder, capture, 1, notes), 0
+    for camera, seen in zip(truth.cameras, truth.seen[1], strict=True):
+        if not seen:
+            continue
+        image, (column, row) = capture.image(camera.name, 1), camera.project(truth.T_world_marker[1][:3, 3])[0]
+        here = np.hypot(*(np.indices(image.shape[:2]) - np.reshape([row, column], (2, 1, 1)))) < 8
+        assert (object_matte(capture, camera.name, 1, image, 32, None) & here).sum() > 10
+        assert not (object_matte(capture, camera.name, 1, image, 32, regions[camera.name]) & here).any()
+        checked += 1
+    assert checked == 3 and notes == []
+    facts = inspect_folder(folder, tmp_path / "out")
+    more = np.array(facts["hull_size_mm"]) - 1e3 * np.ptp(truth.points[1], axis=0)
+    assert (more > 0).all() and (more < 90).all()  # a pixel is 4 mm, outlines grow by 2, and there are few cameras
+    np.testing.assert_allclose(facts["hull_middle_m"], truth.points[1].mean(axis=0), atol=0.03)
+    assert "too few frames to tell whether the cameras are in step" in facts["sentence"]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_offsets_are_found_whatever_the_gain_and_noise(seed):
     rng = np.random.default_rng(seed)
@@ -129,7 +155,7 @@ def test_offsets_are_found_whatever_the_gain_and_noise(seed):
     energy = np.stack(
         [gain * c + rng.normal(0, 0.05, 100) + gain for gain, c in zip(1 + np.arange(8), curves, strict=True)]
     )
-    energy[7] = rng.normal(size=100)
+    energy[7] = rng.random(100)
     sync = estimate_offsets(energy)
     np.testing.assert_array_equal(sync.known, [True] * 7 + [False])
     np.testing.assert_array_equal(sync.offset[:7], true[:7])

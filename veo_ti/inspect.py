@@ -1,6 +1,6 @@
 """What a recording holds, before anything is computed from it: `veo inspect`."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,13 +9,14 @@ import numpy as np
 
 from recon.cameras import ROLES
 from recon.capture import Capture
-from recon.crop import FIRST_THRESHOLD, rough_matte
+from recon.crop import FIRST_THRESHOLD
 from recon.exchange.nerfstudio import FILE as TRANSFORMS
 from recon.exchange.nerfstudio import read_transforms
-from recon.hull import Hull, visual_hull
+from recon.hull import Hull
 from recon.plush.capture import read_capture
 from recon.sync import Sync, estimate_offsets, motion_energy
 from sim.checks import require
+from veo_ti.inspect_object import nozzle_regions, object_hull, object_matte
 from veo_ti.inspect_pictures import contact_sheet, nozzle_plot, rig_picture, sync_plot
 from veo_ti.report import Section, Table, write_report
 from veo_ti.store import writable_folder, write_json_atomic
@@ -57,9 +58,10 @@ def inspect_folder(
     say("which parts are there")
     capture = _read(folder)
     notes = list(capture.missing)
-    looks = _looks(capture, frames, threshold, say, notes)
-    hull = _hull(capture, looks, notes)
-    sync = estimate_offsets(np.stack([look.energy for look in looks])) if len(looks) > 1 else None
+    nozzle = nozzle_regions(folder, capture, len(capture.times) // 2, notes)
+    looks = _looks(capture, frames, threshold, nozzle, say, notes)
+    hull = object_hull(capture, {look.name: look.matte for look in looks}, nozzle, notes)
+    sync = _sync(looks)
     facts = _facts(capture, looks, hull, sync, notes)
     say("pictures")
     sections = _sections(capture, looks, hull, sync, facts, out)
@@ -79,27 +81,29 @@ def _window(capture: Capture, frames: int) -> tuple[int, int]:
     return start, min(count, start + frames)
 
 
-def _looks(capture: Capture, frames: int, threshold: int, say: Callable[[str], None], notes: list[str]) -> list[Look]:
+def _looks(
+    capture: Capture, frames: int, threshold: int, nozzle: Mapping[str, np.ndarray], say: Callable[[str], None],
+    notes: list[str],
+) -> list[Look]:  # fmt: skip
     """One pass over each camera's frames; a camera that cannot be decoded becomes a note."""
     looks = []
     for name in capture.names:
         say(f"{name}, {len(looks) + 1} of {len(capture.names)}")
         try:
-            looks.append(_look(capture, name, *_window(capture, frames), threshold))
+            looks.append(_look(capture, name, *_window(capture, frames), threshold, nozzle.get(name)))
         except ValueError as error:
             notes.append(f"{error}: that camera is not looked at.")
     require(len(looks) > 0, "FOLDER", "hold a camera whose frames can be read", " ".join(notes))
     return looks
 
 
-def _look(capture: Capture, name: str, start: int, stop: int, threshold: int) -> Look:
+def _look(capture: Capture, name: str, start: int, stop: int, threshold: int, nozzle: np.ndarray | None) -> Look:
     middle, kept = len(capture.times) // 2, []
     energy = motion_energy(_keeping(capture.sources[name].frames(start, stop), middle - start, kept))
     image = kept[0]
     size = THUMBNAIL, max(1, round(THUMBNAIL * image.shape[0] / image.shape[1]))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    own = name in capture.mattes
-    matte = capture.matte(name, middle) > 127 if own else rough_matte(image, capture.plates.get(name), threshold)
+    matte = object_matte(capture, name, middle, image, threshold, nozzle)
     return Look(name=name, picture=small, matte=matte, energy=energy)
 
 
@@ -111,21 +115,11 @@ def _keeping(images: Iterable[np.ndarray], place: int, kept: list[np.ndarray]) -
         yield image
 
 
-def _hull(capture: Capture, looks: Sequence[Look], notes: list[str]) -> Hull | None:
-    """The object's hull in the middle frame, from the calibrated colour cameras that show something."""
-    mattes = {look.name: look.matte for look in looks}
-    cameras = [camera for camera in capture.cameras if camera.stream == "colour" and camera.name in mattes]
-    for camera in [camera for camera in cameras if not mattes[camera.name].any()]:
-        notes.append(f"{camera.name} shows nothing bright: it is left out of the hull.")
-        cameras.remove(camera)
-    if len(cameras) < 2:
-        notes.append("no hull of the object: that needs two calibrated cameras that show it.")
-        return None
-    try:
-        return visual_hull(cameras, [mattes[camera.name] for camera in cameras])
-    except ValueError as error:
-        notes.append(f"no hull of the object: {error}; the calibration may not belong to these videos.")
-        return None
+def _sync(looks: Sequence[Look]) -> Sync | None:
+    """Who is out of step; nothing where there is one device only."""
+    devices = [look.name.partition(".")[0] for look in looks]
+    energy = np.stack([look.energy for look in looks])
+    return estimate_offsets(energy, devices=devices) if len(set(devices)) > 1 else None
 
 
 def _facts(
@@ -138,7 +132,7 @@ def _facts(
     nozzle = capture.nozzle
     size_mm = 1e3 * np.ptp(hull.points, axis=0) + 1e3 * hull.spacing if hull is not None else None
     return {
-        "sentence": _sentence(capture, rate, late, len(notes)),
+        "sentence": _sentence(capture, rate, _steps(late, looks, told, sync), len(notes)),
         "cameras": len(capture.names),
         "calibrated": len(capture.cameras),
         "frames": len(capture.times),
@@ -152,9 +146,21 @@ def _facts(
     }
 
 
-def _sentence(capture: Capture, rate: float | None, late: Sequence[str], notes: int) -> str:
+def _steps(late: Sequence[str], looks: Sequence[Look], told: Mapping[str, int], sync: Sync | None) -> str:
+    """Who is out of step, in words; nothing for a camera alone."""
+    if sync is None:
+        return ""
+    if not sync.enough:
+        return "too few frames to tell whether the cameras are in step; "
+    unknown = [look.name for look in looks if look.name not in told]
+    words = [f"out of step: {', '.join(late)}"] if late else [] if unknown else ["all cameras in step"]
+    verb = "is" if len(unknown) == 1 else "are"
+    words += [f"too little moves to tell whether {', '.join(unknown)} {verb} in step"] if unknown else []
+    return "".join(f"{word}; " for word in words)
+
+
+def _sentence(capture: Capture, rate: float | None, step: str, notes: int) -> str:
     speed = f" at {rate:.4g} frames a second" if rate else ""
-    step = f"out of step: {', '.join(late)}; " if late else ""
     rest = f"{notes} {'thing is' if notes == 1 else 'things are'} missing or wrong" if notes else ALL_THERE
     return f"{len(capture.names)} cameras, {len(capture.times)} frames{speed}; {step}{rest}."
 
@@ -177,7 +183,8 @@ def _sections(
     ]
     if colour := capture.chosen(ROLES, ("colour",)):
         text = "Dark: cameras that teach; orange: cameras that judge. "
-        text += "The body is what the cameras' bright parts have in common; the green line is the nozzle's way."
+        text += "The body is what the cameras' bright parts have in common, without what can be the nozzle; "
+        text += "the green line is the nozzle's way."
         path = rig_picture(colour, hull, capture.nozzle, out / "rig.png")
         sections.append(Section(heading="The rig", text=text, pictures=[path]))
     if sync is not None:

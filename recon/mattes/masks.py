@@ -17,6 +17,7 @@ _MEDIAN = 0.6745  # its median
 _CODED = 4.0  # grey levels by which the coding of a video may change flat parts, far apart
 _FULL = 235  # grey levels from which a channel may be saturated, noise and coding allowed for
 _WHITE = 0.3  # share of a part that is saturated, from which it is a lamp
+_SOFT = 0.25  # of the largest part's steepness: a part with a softer outline is light on the cloth
 _TRIED, _OUTLINE = 24, 30  # thresholds tried, and pixels that an outline has at least
 _LEAST = 0.3  # grey levels, of rounding to whole ones
 
@@ -86,7 +87,7 @@ def brightness_mask(image: np.ndarray, *, options: MaskOptions | None = None) ->
     The cloth's level is the darkest peak of the brightness, its spread that of the pixels below the peak, where
     there is no object. Of the thresholds above the cloth the lowest is taken whose outline lies on edges at least
     half as steep as those of the best one: a table under the object or light on the cloth have softer ones. A part
-    that is mostly saturated, and not the largest, is a lamp.
+    that is mostly saturated, and not the largest, is a lamp; one with a much softer outline than the largest, its glow.
     """
     options = options or MaskOptions()
     shown = _channels(image)
@@ -95,7 +96,8 @@ def brightness_mask(image: np.ndarray, *, options: MaskOptions | None = None) ->
     full = shown.min(axis=2) >= _FULL
     least = level + options.sigmas * spread
     mask = bright > (_outlined(bright, full, level, least) if options.threshold is None else options.threshold)
-    return cleaned(_sharpened(mask & ~_lamps(mask, full), bright - level), options)
+    mask &= ~_lamps(mask, full)
+    return cleaned(_sharpened(mask & ~_glows(mask, bright), bright - level), options)
 
 
 def cleaned(mask: np.ndarray, options: MaskOptions) -> np.ndarray:
@@ -159,7 +161,7 @@ def _cloth(bright: np.ndarray) -> tuple[float, float]:
 
 def _outlined(bright: np.ndarray, full: np.ndarray, level: float, least: float) -> float:
     """The lowest threshold from `least` on whose outline is steep, lamps' outlines left out."""
-    steep = np.hypot(*(cv2.Sobel(bright, cv2.CV_32F, *way, scale=1 / 8) for way in ((1, 0), (0, 1))))
+    steep = _steepness(bright)
     steep[_grown(full, 4)] = np.nan
     most = max(float(bright.max()), 2 * least - level)
     levels = level + np.geomspace(least - level, most - level, _TRIED)
@@ -179,6 +181,26 @@ def _lamps(mask: np.ndarray, full: np.ndarray) -> np.ndarray:
     lamp = white > _WHITE * np.maximum(area, 1)
     lamp[[0, int(area.argmax())]] = False
     return lamp[labels]
+
+
+def _glows(mask: np.ndarray, bright: np.ndarray) -> np.ndarray:
+    """Parts (H, W) bool of the mask whose outline is much softer than the largest one's: light on the cloth."""
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    if count < 3:
+        return np.zeros(mask.shape, bool)
+    around = cv2.dilate(labels.astype(np.float32), np.ones((3, 3), np.uint8)).astype(int) * (labels == 0)
+    steepness = _steepness(bright)
+    length, steep = (np.bincount(around.ravel(), w, count) for w in (None, steepness.ravel()))
+    steep /= np.maximum(length, 1)
+    largest = 1 + np.bincount(labels.ravel(), minlength=count)[1:].argmax()
+    glow = steep < _SOFT * steep[largest]
+    glow[0] = False
+    return glow[labels]
+
+
+def _steepness(bright: np.ndarray) -> np.ndarray:
+    """Grey levels a pixel, (H, W)."""
+    return np.hypot(*(cv2.Sobel(bright, cv2.CV_32F, *way, scale=1 / 8) for way in ((1, 0), (0, 1))))
 
 
 def _sharpened(mask: np.ndarray, change: np.ndarray) -> np.ndarray:
