@@ -32,7 +32,8 @@ def run(
     Parameters
     ----------
     source
-        an .npz or .vtkhdf measurement, a PLUSH object folder, a folder of beam takes, or the word example.
+        an .npz or .vtkhdf measurement, a PLUSH object folder, a recording with mattes that is not reconstructed yet, a
+        folder of beam takes, or the word example.
     out
         folder for the results; an interrupted run goes on when called again.
     modes
@@ -45,6 +46,8 @@ def run(
         also look for what the simulation gets wrong, and why (a minute more, three where something is wrong).
     """
     folder = Path(source)
+    if cli_reconstruct.is_recording(folder):
+        return cli_reconstruct.run_recording(folder, out, modes, every)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
         from veo_ti.beam_report import run_beam
 

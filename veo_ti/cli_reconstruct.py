@@ -61,3 +61,17 @@ def reconstruct(
     )
     with waiting("reconstruct") as say:
         return reconstruct_folder(folder, out, choice, say)
+
+
+def is_recording(folder: Path) -> bool:
+    """Whether a folder holds videos and mattes, and no reconstruction."""
+    held = (folder / "capture" / "mattes").is_dir() or (folder / "transforms.json").exists()
+    return held and not (folder / "reconstruction").exists()
+
+
+def run_recording(folder: Path, out: Path, modes: int, every: int) -> dict[str, object]:
+    """`veo run` of a recording, everything with its defaults."""
+    from veo_ti.reconstruction.loop import run_recording as run
+    from veo_ti.reconstruction.run import ReconstructChoice
+
+    return run(folder, out, ReconstructChoice(), modes=modes, every=every)

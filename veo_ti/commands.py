@@ -32,7 +32,7 @@ def identify_source(
     source: str, out: Path, *, modes: int, every: int, paper: bool, diagnosed: bool = False
 ) -> dict[str, object]:
     """`veo identify`, and with diagnosed `veo run`: metrics of the written folder, then with the diagnosis in them."""
-    result = _identified(source, out, modes, every, paper)
+    result = identified(source, out, modes, every, paper)
     row = _paper_row(Path(source))
     metrics = write_identification(result, result.observation, out, paper=row, last=not diagnosed)
     console.print(sentence(metrics))
@@ -41,10 +41,10 @@ def identify_source(
 
 def diagnose_source(source: str, out: Path, *, modes: int, every: int) -> dict[str, object]:
     """`veo diagnose`: the facts of the written folder."""
-    return _diagnosed(_identified(source, out, modes, every, paper=False), out)
+    return _diagnosed(identified(source, out, modes, every, paper=False), out)
 
 
-def _identified(source: str, out: Path, modes: int, every: int, paper: bool) -> Identification:
+def identified(source: str, out: Path, modes: int, every: int, paper: bool) -> Identification:
     """The identified object; its checkpoints stay in `out`."""
     writable_folder(out)
     observation = Observation.load(source)

@@ -103,7 +103,7 @@ def turntable(points: np.ndarray, scalars: np.ndarray, path: str | Path, *, fram
             yield image(stage)
         stage.close()
 
-    return _film(pictures(), view.size, Path(path), fps)
+    return write_film(pictures(), view.size, Path(path), fps)
 
 
 def animation(points: np.ndarray, scalars: np.ndarray, path: str | Path, *, label: str = "", title: str = "",
@@ -123,7 +123,7 @@ def animation(points: np.ndarray, scalars: np.ndarray, path: str | Path, *, labe
             yield image(stage)
         stage.close()
 
-    return _film(pictures(), view.size, Path(path), fps)
+    return write_film(pictures(), view.size, Path(path), fps)
 
 
 def _cloud(x: np.ndarray, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +156,8 @@ def _film_stage(view: Viewpoint, points: np.ndarray, scalars: np.ndarray, colour
     return stage, cloud
 
 
-def _film(pictures: Generator[np.ndarray, None, None], size: tuple[int, int], path: Path, fps: int) -> Path:
+def write_film(pictures: Generator[np.ndarray, None, None], size: tuple[int, int], path: Path, fps: int) -> Path:
+    """An mp4 of pictures (h, w, 3) uint8; size: width and height [px], multiples of 16."""
     require(path.suffix == ".mp4", "path", "end in .mp4", path)
     with replacing(path) as partial:
         writer = imageio_ffmpeg.write_frames(str(partial), size, fps=fps, quality=7, ffmpeg_log_level="error")

@@ -12,7 +12,6 @@ import os
 import time
 import traceback
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +51,13 @@ def _all(tasks: list[tuple], jobs: int) -> Iterator[dict]:
     if jobs <= 1:
         yield from (run_one(*task) for task in tasks)
         return
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=10) as pool:
-        for future in as_completed([pool.submit(run_one, *task) for task in tasks]):
-            yield future.result()
+    # Not ProcessPoolExecutor: with max_tasks_per_child it hangs in Python 3.11 once every worker has been replaced.
+    with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=10) as pool:
+        yield from pool.imap_unordered(_run_task, tasks, chunksize=1)
+
+
+def _run_task(task: tuple) -> dict:
+    return run_one(*task)
 
 
 def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None) -> dict:

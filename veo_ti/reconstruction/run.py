@@ -9,7 +9,8 @@ import numpy as np
 from recon.capture import Capture
 from recon.exchange.nerfstudio import FILE as TRANSFORMS
 from recon.exchange.nerfstudio import read_transforms
-from recon.plush.capture import read_capture
+from recon.files import replacing
+from recon.plush.capture import MARKERS, read_capture
 from recon.plush.reconstruction_writer import write_reconstruction
 from recon.quality.lpips import Lpips
 from recon.quality.similarity import QualityRow, quality_row
@@ -52,12 +53,12 @@ def reconstruct_folder(
     recording without calibration or mattes, with one camera, or in which a frame shows nothing.
     """
     choice, say, out = choice or ReconstructChoice(), say or (lambda text: None), writable_folder(out)
-    capture = _read(Path(folder), choice)
+    capture = capture_of(Path(folder), choice)
     streams = ("colour", "left", "right") if choice.greys else ("colour",)
     say("pictures at training resolution")
     size = ViewOptions(resolution=choice.resolution)
     views = training_views(capture, out / "views", replace(size, streams=streams), say)
-    judges = training_views(capture, out / "views", replace(size, roles=("test",)), say)
+    judges = judging_views(capture, out, choice, say)
     trained = _trained(views, choice, out, say)
     say("judging")
     row, pairs = _judged(trained, judges)
@@ -65,10 +66,18 @@ def reconstruct_folder(
     cloud = extract(trained, views, choice.extract)
     fixed = fixed_points(cloud)
     _write_cloud(out, cloud, fixed)
+    _keep_markers(Path(folder), out)
     facts = _facts(capture, views, judges, trained, row, cloud, fixed)
     write_json_atomic(out / FACTS, facts)
     write_page(out, Path(folder), facts, pairs, cloud)
     return facts
+
+
+def judging_views(
+    capture: Capture, out: Path, choice: ReconstructChoice, say: Callable[[str], None] | None = None
+) -> Views:
+    """The pictures of the cameras that judge; decoded once."""
+    return training_views(capture, out / "views", ViewOptions(resolution=choice.resolution, roles=("test",)), say)
 
 
 def fixed_points(cloud: Cloud4D) -> np.ndarray:
@@ -81,7 +90,8 @@ def fixed_points(cloud: Cloud4D) -> np.ndarray:
     return low & still
 
 
-def _read(folder: Path, choice: ReconstructChoice) -> Capture:
+def capture_of(folder: Path, choice: ReconstructChoice) -> Capture:
+    """The recording with the roles that the choice gives; raises ValueError where it cannot be reconstructed."""
     capture = read_transforms(folder) if (folder / TRANSFORMS).exists() else read_capture(folder, strict=False)
     require(len(capture.cameras) > 0, "FOLDER", "hold calibrated cameras: veo calibrate", " ".join(capture.missing))
     able = [c for c in capture.cameras if c.stream == "colour" and c.role != "nozzle" and c.name in capture.mattes]
@@ -120,10 +130,10 @@ def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str
             target = matte[..., None] * images[frame] / 255
             shown, filmed, mattes = [*shown, picture], [*filmed, target], [*mattes, matte]
             pairs.append((camera.name, frame, picture, target))
-    return quality_row(shown, filmed, mattes, _lpips()), pairs
+    return quality_row(shown, filmed, mattes, lpips_or_none()), pairs
 
 
-def _lpips() -> Lpips | None:
+def lpips_or_none() -> Lpips | None:
     """The measure, or None where its weights are not installed."""
     try:
         return Lpips.load()
@@ -137,6 +147,15 @@ def _write_cloud(out: Path, cloud: Cloud4D, fixed: np.ndarray) -> None:
                          fixed=np.flatnonzero(fixed))  # fmt: skip
     static = {"colour": cloud.colours, "surface": cloud.surface, "normal": cloud.normals, "fixed": fixed}
     write_sequence(out / CLOUD, Stored(time=cloud.times, points=cloud.points, static=static))
+
+
+def _keep_markers(folder: Path, out: Path) -> None:
+    """The nozzle's path beside the cloud, so that the result is a PLUSH folder that `veo identify` takes."""
+    source, goal = folder / "capture" / MARKERS, out / "capture" / MARKERS
+    if source.exists():
+        goal.parent.mkdir(exist_ok=True)
+        with replacing(goal) as partial:
+            partial.write_bytes(source.read_bytes())
 
 
 def _facts(

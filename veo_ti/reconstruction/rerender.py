@@ -1,0 +1,48 @@
+"""The object as it would look in states that nobody filmed, and the paper's Table 2 of simulated states."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.cameras import Camera
+from recon.quality.lpips import Lpips
+from recon.quality.similarity import QualityRow, quality_row
+from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
+from recon.radiance.rendering import Picture, render
+from recon.radiance.training import Trained
+from recon.views import Views
+
+CUT = 1.5  # spacings from the cloud beyond which the field is cut away
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rerenderer:
+    """A trained field bent by a cloud: rest (N, 3) [m] as in frame 0, spacing [m] between its points."""
+
+    trained: Trained
+    rest: np.ndarray
+    spacing: float
+
+    def picture(self, moved: np.ndarray, camera: Camera, behind: Picture | None = None) -> Picture:
+        """The object with its points at `moved` (N, 3) [m], as a camera sees it; behind: see `render`."""
+        cut = CUT * self.spacing
+        field = moved_field(self.trained.field.canonical, CloudWarp.of(self.rest, moved), cut)
+        return render(field, cloud_occupancy(moved, cut=cut), camera, behind=behind)
+
+
+def table_two(
+    renderer: Rerenderer, judges: Views, frames: Sequence[int], states: np.ndarray, lpips: Lpips | None
+) -> tuple[QualityRow, list[np.ndarray]]:
+    """Quality on cameras that taught nothing of clouds `states` (F, N, 3) [m] in filmed frames (F,); the pictures too.
+
+    The paper's Table 2 (tab:rerender) with simulated, and with reconstructed clouds, which are its upper bound.
+    """
+    shown, filmed, mattes = [], [], []
+    for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
+        for frame, moved in zip(frames, states, strict=True):
+            matte = np.asarray(masks[frame]) / 255
+            shown.append(renderer.picture(moved, camera).colour)
+            filmed.append(matte[..., None] * images[frame] / 255)
+            mattes.append(matte)
+    return quality_row(shown, filmed, mattes, lpips), shown
