@@ -1,0 +1,104 @@
+"""The way from a small rig recording to a page: files that other tools read, stages that are not done twice."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recon.plush.reconstruction import read_plush
+from recon.radiance.extraction import Cloud4D, ExtractOptions
+from recon.radiance.fields import FieldOptions
+from recon.radiance.hashgrid import HashGrid
+from recon.radiance.training import TrainOptions
+from recon.rig.make import make_rig
+from recon.rig.options import RigOptions
+from recon.rig.truth import read_truth
+from veo_ti import cli_reconstruct
+from veo_ti.observation import Observation
+from veo_ti.reconstruction.loop import run_recording
+from veo_ti.reconstruction.run import ReconstructChoice, fixed_points, reconstruct_folder
+from veo_ti.store import read_sequence
+
+FIELD = FieldOptions(grid=HashGrid(levels=5, coarsest=8, finest=64, log2_table=13))
+TRAIN = TrainOptions(canonical_steps=120, motion_steps=120, samples=4096, field=FIELD, pulling=3)
+CHOICE = ReconstructChoice(resolution=48, test=("cam0003",), train=TRAIN, extract=ExtractOptions(points=700))
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Six cameras, four frames, and the true mattes where `veo matte` would have put its own."""
+    folder = tmp_path_factory.mktemp("rig") / "plush"
+    make_rig(folder, RigOptions(cameras=6, frames=4, size=96, greys=False), lambda text: None)
+    for place in (folder / "truth/mattes").iterdir():
+        shutil.copytree(place, folder / "capture/mattes" / place.name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def out(recording, tmp_path_factory):
+    """`veo run` with few steps and small films."""
+    place = tmp_path_factory.mktemp("run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("veo_ti.reconstruction.novel.STEPS", 2)
+        patch.setattr("veo_ti.reconstruction.novel._SIDE", 64)
+        run_recording(recording, place, CHOICE, modes=6, every=2)
+    return place
+
+
+def test_a_recording_becomes_a_page_with_both_tables_of_the_paper(out):
+    found = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert found["sentence"] in page and "data:video/mp4" in page
+    table = found["table_2"]
+    assert table["reconstructed"]["masked"]["psnr"] > 18
+    assert abs(table["reconstructed"]["masked"]["psnr"] - table["simulated"]["masked"]["psnr"]) < 6
+    assert found["material"]["error_mm"]["held_out"]["mean"] > 0
+    assert found["material"]["force_scale_known"] is False
+    assert all(found["novel"][name]["largest_displacement_mm"] > 1 for name in ("push", "ball"))
+
+
+def test_the_cloud_is_a_plush_folder_and_a_sequence(out, recording):
+    """Read by the dataset's own reader and as .vtkhdf; near the true body, as far as so few steps allow."""
+    folder = read_plush(out / "reconstruction")
+    stored = read_sequence(out / "reconstruction/cloud.vtkhdf")
+    points = folder.points(0)
+    assert points == pytest.approx(stored.points[0], abs=1e-6) and len(folder.frame_numbers) == 4
+    assert folder.fixed.any() and stored.static["surface"].any()
+    body = read_truth(recording).rest
+    low, high = body.min(axis=0), body.max(axis=0)
+    assert (np.abs((points - low) / (high - low) - 0.5) < 0.75).mean() > 0.95
+    observation = Observation.load(str(out / "reconstruction"))
+    assert observation.force_scale_known is False and observation.jet is not None
+
+
+def test_what_is_there_is_not_made_again(out, recording, monkeypatch):
+    def never(*_, **__):
+        raise AssertionError("trained again")
+
+    monkeypatch.setattr("veo_ti.reconstruction.run.train", never)
+    again = reconstruct_folder(recording, out / "reconstruction", CHOICE)
+    assert again["points"] == len(read_plush(out / "reconstruction").object_index)
+    with pytest.raises(AssertionError, match="trained again"):
+        reconstruct_folder(recording, out / "reconstruction", replace(CHOICE, train=replace(TRAIN, seed=5)))
+
+
+def test_fixed_points_are_low_and_still():
+    rng = np.random.default_rng(0)
+    rest = rng.uniform(0, 1, size=(400, 3))
+    bend = rest[:, 1:2] ** 2 * np.array([0.3, 0, 0])
+    cloud = Cloud4D(points=np.stack([rest, rest + bend]), colours=rest, surface=rest[:, 0] > 0.5, normals=0 * rest,
+                    times=np.array([0, 0.1]), spacing=0.1)  # fmt: skip
+    fixed = fixed_points(cloud)
+    assert fixed.any() and rest[fixed, 1].max() < 0.15
+
+
+def test_what_is_missing_is_said(recording, tmp_path):
+    assert cli_reconstruct.is_recording(recording) and not cli_reconstruct.is_recording(tmp_path)
+    with pytest.raises(ValueError, match=r"--test must be among cam0001, .*; got cam0099"):
+        reconstruct_folder(recording, tmp_path / "out", replace(CHOICE, test=("cam0099",)))
+    bare = tmp_path / "bare"
+    shutil.copytree(recording, bare, ignore=shutil.ignore_patterns("mattes", "truth"))
+    with pytest.raises(ValueError, match="FOLDER must hold mattes of at least three cameras: veo matte"):
+        reconstruct_folder(bare, tmp_path / "out", CHOICE)
