@@ -17,7 +17,8 @@ from recon.images import write_image
 from recon.plush.calibration import camera_of, read_calibration, write_calibration
 from recon.rigid import rigid
 from recon.video import write_video
-from veo_ti import boards, cli
+from veo_ti import cli
+from veo_ti.footage import boards
 from veo_ti.footage.calibrating import board_of, calibrate_folder
 
 SIZE = (480, 300)

@@ -19,7 +19,8 @@ from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import read_truth
 from recon.video import write_video
-from veo_ti import cli, matte_cut
+from veo_ti import cli
+from veo_ti.footage import matte_cut
 from veo_ti.footage.matte_cut import MatteChoice
 from veo_ti.footage.mattes import matte_folder
 

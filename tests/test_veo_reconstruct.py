@@ -4,9 +4,12 @@ import json
 import shutil
 from dataclasses import replace
 
+import cv2
+import imageio.v3 as iio
 import numpy as np
 import pytest
 
+from recon.images import read_image
 from recon.plush.reconstruction import read_plush
 from recon.radiance.extraction import Cloud4D, ExtractOptions
 from recon.radiance.fields import FieldOptions
@@ -18,6 +21,7 @@ from recon.rig.truth import read_truth
 from veo_ti import cli_reconstruct
 from veo_ti.observation import Observation
 from veo_ti.reconstruction.loop import run_recording
+from veo_ti.reconstruction.orbit import render_reconstruction
 from veo_ti.reconstruction.run import ReconstructChoice, fixed_points, reconstruct_folder
 from veo_ti.store import read_sequence
 
@@ -82,6 +86,22 @@ def test_what_is_there_is_not_made_again(out, recording, monkeypatch):
     assert again["points"] == len(read_plush(out / "reconstruction").object_index)
     with pytest.raises(AssertionError, match="trained again"):
         reconstruct_folder(recording, out / "reconstruction", replace(CHOICE, train=replace(TRAIN, seed=5)))
+
+
+def test_a_reconstruction_is_seen_from_a_camera_and_from_all_sides(out, recording, tmp_path):
+    folder = out / "reconstruction"
+    seen, film = render_reconstruction(folder, tmp_path, view="cam0002", orbit=4, frame=0, size=64)
+    matte = read_truth(recording).matte("cam0002", 0) > 127
+    shown = read_image(seen).max(axis=2) > 40
+    near = cv2.resize(matte.astype(np.uint8), shown.shape[::-1], interpolation=cv2.INTER_AREA) > 0
+    assert (shown & near).sum() > 0.6 * (shown | near).sum()
+    assert iio.imread(film).shape == (4, 64, 64, 3)
+    with pytest.raises(ValueError, match=r"--view must be one of cam0001, .*; got cam0077"):
+        render_reconstruction(folder, tmp_path, view="cam0077")
+    with pytest.raises(ValueError, match=r"--frame must be 0 to 3; got 9"):
+        render_reconstruction(folder, tmp_path, orbit=2, frame=9)
+    with pytest.raises(ValueError, match="veo render must be given --view or --orbit"):
+        render_reconstruction(folder, tmp_path)
 
 
 def test_fixed_points_are_low_and_still():

@@ -18,7 +18,8 @@ from recon.rig.make import make_rig
 from recon.rig.options import RigOptions, plain
 from recon.rig.truth import read_truth
 from recon.rigid import rigid, turn_of
-from veo_ti import cli, tracking
+from veo_ti import cli
+from veo_ti.footage import tracking
 from veo_ti.footage.tracking import track_folder
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, forces_of

@@ -166,14 +166,6 @@ def simulate(
 
 
 @app.command
-def render(obj: Annotated[Path, Parameter(name="OBJECT")], *, out: Path) -> dict[str, object]:
-    """Pictures of an OBJECT: Lame maps, what the data determined, a turntable film, its motion if it has one."""
-    from veo_ti.commands import render_object
-
-    return {"pictures": [str(path) for path in render_object(obj, out)]}
-
-
-@app.command
 def doctor() -> int:
     """Say what works on this machine, and what to do about what does not."""
     from rich.console import Console
@@ -193,7 +185,8 @@ def doctor() -> int:
 
 for command in (
     *(cli_capture.capture, cli_capture.inspect, cli_capture.rig),
-    *(cli_footage.calibrate, cli_footage.track, cli_footage.matte, cli_reconstruct.reconstruct),
+    *(cli_footage.calibrate, cli_footage.track, cli_footage.matte),
+    *(cli_reconstruct.reconstruct, cli_reconstruct.render),
 ):
     app.command(command)
 

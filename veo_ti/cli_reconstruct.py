@@ -1,4 +1,4 @@
-"""The `veo` command that turns a recording into a field and a cloud; heavy packages load inside."""
+"""The `veo` commands that turn a recording into a field and a cloud, and show results; heavy packages load inside."""
 
 from pathlib import Path
 from typing import Annotated
@@ -63,10 +63,51 @@ def reconstruct(
         return reconstruct_folder(folder, out, choice, say)
 
 
+def render(
+    obj: Annotated[Path, Parameter(name="OBJECT")],
+    *,
+    out: Path,
+    view: str | None = None,
+    orbit: int = 0,
+    frame: int | None = None,
+    size: int = 256,
+) -> dict[str, object]:
+    """Pictures of an OBJECT: Lame maps, what the data determined, a turntable film, its motion if it has one.
+
+    Parameters
+    ----------
+    obj
+        a folder of `veo identify`, a .vtkhdf, or a folder of `veo reconstruct`.
+    out
+        folder for the pictures.
+    view
+        of a reconstruction: the camera of the recording to look through.
+    orbit
+        of a reconstruction: pictures of a film that goes round it.
+    frame
+        of a reconstruction: which frame; in a film all of them pass when not given.
+    size
+        of a reconstruction's pictures, longer side in pixels.
+    """
+    if is_reconstruction(obj):
+        from veo_ti.reconstruction.orbit import render_reconstruction
+
+        made = render_reconstruction(obj, out, view=view, orbit=orbit, frame=frame, size=size)
+        return {"pictures": [str(path) for path in made]}
+    from veo_ti.commands import render_object
+
+    return {"pictures": [str(path) for path in render_object(obj, out)]}
+
+
 def is_recording(folder: Path) -> bool:
     """Whether a folder holds videos and mattes, and no reconstruction."""
     held = (folder / "capture" / "mattes").is_dir() or (folder / "transforms.json").exists()
     return held and not (folder / "reconstruction").exists()
+
+
+def is_reconstruction(folder: Path) -> bool:
+    """Whether a folder holds a trained field."""
+    return (folder / "field.pt").is_file()
 
 
 def run_recording(folder: Path, out: Path, modes: int, every: int) -> dict[str, object]:

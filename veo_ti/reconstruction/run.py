@@ -10,7 +10,7 @@ from recon.capture import Capture
 from recon.exchange.nerfstudio import FILE as TRANSFORMS
 from recon.exchange.nerfstudio import read_transforms
 from recon.files import replacing
-from recon.plush.capture import MARKERS, read_capture
+from recon.plush.capture import CALIBRATION, MARKERS, read_capture
 from recon.plush.reconstruction_writer import write_reconstruction
 from recon.quality.lpips import Lpips
 from recon.quality.similarity import QualityRow, quality_row
@@ -66,7 +66,7 @@ def reconstruct_folder(
     cloud = extract(trained, views, choice.extract)
     fixed = fixed_points(cloud)
     _write_cloud(out, cloud, fixed)
-    _keep_markers(Path(folder), out)
+    _keep_beside(Path(folder), out)
     facts = _facts(capture, views, judges, trained, row, cloud, fixed)
     write_json_atomic(out / FACTS, facts)
     write_page(out, Path(folder), facts, pairs, cloud)
@@ -149,13 +149,14 @@ def _write_cloud(out: Path, cloud: Cloud4D, fixed: np.ndarray) -> None:
     write_sequence(out / CLOUD, Stored(time=cloud.times, points=cloud.points, static=static))
 
 
-def _keep_markers(folder: Path, out: Path) -> None:
-    """The nozzle's path beside the cloud, so that the result is a PLUSH folder that `veo identify` takes."""
-    source, goal = folder / "capture" / MARKERS, out / "capture" / MARKERS
-    if source.exists():
-        goal.parent.mkdir(exist_ok=True)
-        with replacing(goal) as partial:
-            partial.write_bytes(source.read_bytes())
+def _keep_beside(folder: Path, out: Path) -> None:
+    """Calibration and nozzle's path beside the cloud: the result is then a PLUSH folder that `veo identify` takes."""
+    for source in (folder / "capture" / name for name in (MARKERS, CALIBRATION)):
+        if source.exists():
+            goal = out / "capture" / source.name
+            goal.parent.mkdir(exist_ok=True)
+            with replacing(goal) as partial:
+                partial.write_bytes(source.read_bytes())
 
 
 def _facts(
