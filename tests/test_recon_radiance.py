@@ -116,7 +116,16 @@ def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, ca
 SHORT = replace(OPTIONS, canonical_steps=12, motion_steps=12, samples=512)
 
 
-def test_training_that_was_interrupted_ends_where_it_would_have(views, tmp_path, monkeypatch):
+@pytest.fixture()
+def one_thread():
+    """Sums of several threads may be rounded otherwise from run to run."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def test_training_that_was_interrupted_ends_where_it_would_have(views, tmp_path, monkeypatch, one_thread):
     monkeypatch.setattr("recon.radiance.training._EVERY", 8)
     whole = train(views, tmp_path / "whole", SHORT, cells=16)
 
