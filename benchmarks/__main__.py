@@ -1,9 +1,6 @@
 """`python -m benchmarks`: measure every target of the design against the other ways of computing the same."""
 
 import argparse
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.fitting import fit_rows
@@ -11,8 +8,7 @@ from benchmarks.growth import growth_rows
 from benchmarks.hessian import hessian_rows
 from benchmarks.iterate import check_rows, iterate_rows
 from benchmarks.linear import linear_rows
-from benchmarks.table import Row, machine, markdown
-from recon.files import replacing
+from benchmarks.table import publish, report
 
 _WORDS = (
     "How fast this simulator is beside other ways of computing the same. All peers took turns in this one run, so the "
@@ -38,17 +34,6 @@ QUICK = {
 }
 
 
-def report(sections: dict[str, Callable[[], list[Row]]], *, note: str = "") -> str:
-    """The sentence, the machine and the table; says on stderr what is being measured."""
-    rows = []
-    for name, measure in sections.items():
-        begin = time.perf_counter()
-        print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
-        rows += measure()
-        print(f"{time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    return "\n\n".join(part for part in (_WORDS, note, machine(), markdown(rows)) if part)
-
-
 def main() -> None:
     """Measure, print and, on request, write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="The table of timings, as markdown.")
@@ -58,11 +43,7 @@ def main() -> None:
     # Taichi compiles every kernel on its first use: once over the small bodies first keeps that out of the times.
     for measure in QUICK.values():
         measure()
-    text = report(QUICK if given.quick else FULL, note=_SMALL if given.quick else "")
-    print(text)
-    if given.out:
-        with replacing(given.out) as partial:
-            partial.write_text(text + "\n", encoding="utf-8")
+    publish(report(_WORDS, QUICK if given.quick else FULL, note=_SMALL if given.quick else ""), given.out)
 
 
 if __name__ == "__main__":

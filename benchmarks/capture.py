@@ -1,9 +1,7 @@
 """`python -m benchmarks.capture`: measure the capture side on rig recordings, against the truth beside them."""
 
 import argparse
-import sys
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +9,7 @@ from pathlib import Path
 from benchmarks.capture_boards import calibration_rows
 from benchmarks.capture_reading import made, reading_rows
 from benchmarks.capture_rows import file_rows, hull_rows, matte_rows, nozzle_rows
-from benchmarks.table import Row, machine, markdown
-from recon.files import replacing
+from benchmarks.table import Row, publish, report
 from recon.rig.options import RigOptions
 
 _WORDS = (
@@ -65,17 +62,8 @@ def main() -> None:
     given = parser.parse_args()
     full = None if given.quick else RigOptions(frames=given.frames)
     with tempfile.TemporaryDirectory() as place:
-        rows = []
-        for name, measure in sections(given.folder or Path(place), full).items():
-            begin = time.perf_counter()
-            print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
-            rows += measure()
-            print(f"{time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    text = "\n\n".join(part for part in (_WORDS, _SMALL if given.quick else "", machine(), markdown(rows)) if part)
-    print(text)
-    if given.out:
-        with replacing(given.out) as partial:
-            partial.write_text(text + "\n", encoding="utf-8")
+        measured = sections(given.folder or Path(place), full)
+        publish(report(_WORDS, measured, note=_SMALL if given.quick else ""), given.out)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,16 @@
-"""One markdown table of measured figures beside their targets, with the machine named."""
+"""Measure one section after the other: one markdown table of figures beside their targets, with the machine named."""
 
 import math
 import os
 import platform
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+
+from recon.files import replacing
 
 _PACKAGES = ("numpy", "scipy", "taichi", "torch", "jax", "cvxopt", "scikit-sparse")
 _ANSWER = {True: "yes", False: "**no**", None: ""}
@@ -32,6 +35,25 @@ def markdown(rows: Sequence[Row]) -> str:
     """The table."""
     lines = ["| what | figure | target | reached |", "|---|---|---|---|"]
     return "\n".join(lines + [f"| {r.what} | {r.figure} | {r.target} | {_ANSWER[r.reached]} |" for r in rows])
+
+
+def report(words: str, sections: Mapping[str, Callable[[], list[Row]]], *, note: str = "") -> str:
+    """The sentences, the machine and the table; says on stderr what is being measured."""
+    rows = []
+    for name, measure in sections.items():
+        begin = time.perf_counter()
+        print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
+        rows += measure()
+        print(f"{time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+    return "\n\n".join(part for part in (words, note, machine(), markdown(rows)) if part)
+
+
+def publish(text: str, path: Path | None) -> None:
+    """Print, and on request write."""
+    print(text)
+    if path is not None:
+        with replacing(path) as partial:
+            partial.write_text(text + "\n", encoding="utf-8")
 
 
 def machine() -> str:

@@ -11,6 +11,7 @@ STREAMS = ("colour", "left", "right")
 ROLES = ("train", "test", "nozzle")
 _LENGTHS = (0, 4, 5, 8, 12, 14)  # numbers of distortion coefficients that OpenCV knows
 _ORTHONORMAL = 1e-4
+UP = np.array([0, 1.0, 0])  # of a reconstruction's axes, which are the PLUSH dataset's
 _CLOSE = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 60, 1e-12)  # OpenCV's own five steps leave whole pixels
 
 

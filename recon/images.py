@@ -98,6 +98,11 @@ class Pictures:
         yield from (np.asarray(image) for image in self.array[start:stop])
 
 
+def shown(colour: np.ndarray) -> np.ndarray:
+    """Numbers from 0 to 1 as the bytes of a picture; those beyond are cut."""
+    return (255 * np.asarray(colour).clip(0, 1)).astype(np.uint8)
+
+
 def read_image(path: str | Path, *, grey: bool = False, label: str = "") -> np.ndarray:
     """A picture file as (height, width, 3) RGB or (height, width) grey, uint8; raises ValueError naming it."""
     label, there = label or Path(path).name, Path(path).is_file()

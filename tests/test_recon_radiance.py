@@ -14,14 +14,14 @@ from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hashgrid import HashGrid
 from recon.radiance.rendering import Picture, camera_rays, render
 from recon.radiance.storage import load_trained, save_trained
-from recon.radiance.training import TrainOptions, train
+from recon.radiance.training import TrainOptions, fingerprint, train
 from recon.views import Views
 
 SIZE, TRAIN = (44, 48), 7
 MIDDLE = np.array([[0, 0, 0], [0.02, 0.006, -0.01]])  # [m], 8 % of the object's diagonal
 GRID = HashGrid(levels=5, coarsest=8, finest=64, log2_table=13)
-OPTIONS = TrainOptions(canonical_steps=120, motion_steps=180, samples=4096, field=FieldOptions(grid=GRID), pulling=3)
-CELLS = 32
+OPTIONS = TrainOptions(canonical_steps=120, motion_steps=180, samples=4096, cells=32,
+                       field=FieldOptions(grid=GRID), pulling=3)  # fmt: skip
 
 
 def filmed(cameras, mattes: bool = True) -> Views:
@@ -48,7 +48,7 @@ def views(cameras) -> Views:
 
 @pytest.fixture(scope="module")
 def trained(views, tmp_path_factory):
-    return train(views, tmp_path_factory.mktemp("training"), OPTIONS, cells=CELLS)
+    return train(views, tmp_path_factory.mktemp("training"), OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, ca
     assert both[matte] == pytest.approx((shown.colour + (1 - shown.opacity)[..., None] * 0.5)[matte], abs=1e-5)
 
 
-SHORT = replace(OPTIONS, canonical_steps=12, motion_steps=12, samples=512)
+SHORT = replace(OPTIONS, canonical_steps=12, motion_steps=12, samples=512, cells=16)
 
 
 @pytest.fixture()
@@ -127,25 +127,33 @@ def one_thread():
 
 def test_training_that_was_interrupted_ends_where_it_would_have(views, tmp_path, monkeypatch, one_thread):
     monkeypatch.setattr("recon.radiance.training._EVERY", 8)
-    whole = train(views, tmp_path / "whole", SHORT, cells=16)
+    whole = train(views, tmp_path / "whole", SHORT)
 
     def stop(step, *_):
         if step == 20:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(views, tmp_path / "cut", SHORT, cells=16, watch=stop, look=4)
+        train(views, tmp_path / "cut", SHORT, watch=stop, look=4)
     steps = []
-    again = train(views, tmp_path / "cut", SHORT, cells=16, watch=lambda step, *_: steps.append(step), look=1)
+    again = train(views, tmp_path / "cut", SHORT, watch=lambda step, *_: steps.append(step), look=1)
     assert steps == list(range(17, 25))  # it went on from the checkpoint of step 16
     for name, value in whole.field.state_dict().items():
         alike = torch.isclose(again.field.state_dict()[name], value, rtol=1e-3, atol=1e-4)
         assert alike.float().mean() > 0.98, name
 
 
+def test_a_change_in_any_frame_is_another_input(views):
+    changed = views.images[1].copy()
+    changed[1, 3, 3, 0] ^= 1
+    other = replace(views, images=(views.images[0], changed, *views.images[2:]))
+    assert fingerprint(other, SHORT) != fingerprint(views, SHORT) == fingerprint(views, replace(SHORT))
+    assert fingerprint(views, replace(SHORT, cells=17)) != fingerprint(views, SHORT)
+
+
 def test_a_training_that_diverges_is_told_not_hidden(views, tmp_path):
     wild = replace(SHORT, field_rate=1e38, canonical_steps=40)
-    found = train(views, tmp_path, wild, cells=16)
+    found = train(views, tmp_path, wild)
     assert found.status == "diverged" and "diverged 4 times" in found.sentence
     assert all(torch.isfinite(v).all() for v in found.field.state_dict().values())
 
@@ -153,7 +161,7 @@ def test_a_training_that_diverges_is_told_not_hidden(views, tmp_path):
 def test_a_field_is_read_back_as_it_was(trained, cameras, tmp_path):
     kept = load_trained(save_trained(tmp_path / "field.pt", trained, OPTIONS.field))
     first, second = (render(t.field, t.occupancy, cameras[0], frame=1).colour for t in (trained, kept))
-    assert (first == second).all() and kept.status == "done"
+    assert (first == second).all() and (kept.status, kept.made_from) == ("done", trained.made_from)
     (tmp_path / "field.pt").write_bytes(b"no field")
     with pytest.raises(ValueError, match=r"field\.pt must be a field that veo reconstruct wrote; got"):
         load_trained(tmp_path / "field.pt")

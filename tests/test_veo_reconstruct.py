@@ -16,7 +16,7 @@ from recon.radiance.hashgrid import HashGrid
 from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
-from recon.rig.truth import read_truth
+from recon.rig.truth import lend_mattes, read_truth
 from recon.video import VideoFile
 from veo_ti import cli_reconstruct
 from veo_ti.observation import Observation
@@ -35,8 +35,7 @@ def recording(tmp_path_factory):
     """Six cameras, four frames, and the true mattes where `veo matte` would have put its own."""
     folder = tmp_path_factory.mktemp("rig") / "plush"
     make_rig(folder, RigOptions(cameras=6, frames=4, size=96, greys=False), lambda text: None)
-    for place in (folder / "truth/mattes").iterdir():
-        shutil.copytree(place, folder / "capture/mattes" / place.name)
+    lend_mattes(folder)
     return folder
 
 

@@ -9,6 +9,7 @@ from functools import cache
 import taichi as ti
 import torch
 
+from recon.radiance.precision import arrays_of, real_of
 from sim.runtime import ensure
 
 
@@ -61,9 +62,9 @@ class _Kernels:
 
 @cache
 def _kernels(dtype: torch.dtype) -> _Kernels:
-    """The kernels in one precision: single to train with, double to check gradients with."""
-    real = {torch.float32: ti.f32, torch.float64: ti.f64}[dtype]
-    Reals1, Reals2 = (ti.types.ndarray(dtype=real, ndim=n) for n in (1, 2))
+    """The kernels in one precision."""
+    real = real_of(dtype)
+    Reals1, Reals2 = arrays_of(real)
     Rays = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
     @ti.kernel

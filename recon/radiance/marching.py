@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import taichi as ti
 import torch
 
+from recon.radiance.precision import arrays_of
 from sim.checks import require
 from sim.runtime import ensure
 
-Reals1, Reals2 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2))
+Reals1, Reals2 = arrays_of(ti.f32)
 Numbers1, Numbers2 = (ti.types.ndarray(dtype=ti.i32, ndim=n) for n in (1, 2))
 Bytes4 = ti.types.ndarray(dtype=ti.u8, ndim=4)
 triple = ti.types.vector(3, ti.f32)
@@ -102,9 +103,15 @@ def _triple(values: ti.template(), r):
 
 
 @ti.func
-def _box(cells: ti.template(), origin: ti.template(), spacing: ti.f32):
+def _ray(
+    start: ti.template(), direction: ti.template(), until: ti.template(), cells: ti.template(), origin: ti.template(),
+    spacing: ti.f32, r,
+):  # fmt: skip
+    """Where ray r starts, its direction, the grid's lowest corner, and the depths at which it enters and ends."""
+    o, d = _triple(start, r), _triple(direction, r)
     low = triple(origin[0], origin[1], origin[2])
-    return low, low + spacing * triple(cells.shape[1], cells.shape[2], cells.shape[3])
+    near, far = _span(o, d, low, low + spacing * triple(cells.shape[1], cells.shape[2], cells.shape[3]))
+    return o, d, low, near, ti.min(far, until[r])
 
 
 @ti.kernel
@@ -113,10 +120,7 @@ def _count(
     spacing: ti.f32, step: ti.f32, rays: Numbers2,
 ):  # fmt: skip
     for r in range(start.shape[0]):
-        o, d = _triple(start, r), _triple(direction, r)
-        low, high = _box(cells, origin, spacing)
-        near, far = _span(o, d, low, high)
-        far = ti.min(far, until[r])
+        o, d, low, near, far = _ray(start, direction, until, cells, origin, spacing, r)
         found, i = 0, 0
         depth = near + shift[r] * step
         while depth < far:
@@ -135,10 +139,7 @@ def _write(
     # Compiled apart, the two kernels may round a depth differently: no more samples are written than were counted, and
     # what would be missing is put where the ray leaves the box.
     for r in range(start.shape[0]):
-        o, d = _triple(start, r), _triple(direction, r)
-        low, high = _box(cells, origin, spacing)
-        near, far = _span(o, d, low, high)
-        far = ti.min(far, until[r])
+        o, d, low, near, far = _ray(start, direction, until, cells, origin, spacing, r)
         n, end, i = rays[r, 0], rays[r, 0] + rays[r, 1], 0
         depth = near + shift[r] * step
         while n < end:

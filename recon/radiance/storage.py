@@ -14,7 +14,7 @@ from recon.radiance.marching import Occupancy
 from recon.radiance.training import Trained
 from sim.checks import require
 
-VERSION = 1
+VERSION = 2
 
 
 def save_trained(path: str | Path, trained: Trained, options: FieldOptions) -> Path:
@@ -22,7 +22,7 @@ def save_trained(path: str | Path, trained: Trained, options: FieldOptions) -> P
     told = {
         "version": VERSION, "options": asdict(options), "frames": len(trained.field.latents),
         "latent": trained.field.latents.shape[1], "side": trained.box.side, "spacing": trained.occupancy.spacing,
-        "status": trained.status, "sentence": trained.sentence,
+        "status": trained.status, "sentence": trained.sentence, "made_from": trained.made_from,
     }  # fmt: skip
     held = {
         "told": json.dumps(told), "field": trained.field.state_dict(), "origin": torch.from_numpy(trained.box.origin),
@@ -49,4 +49,5 @@ def load_trained(path: str | Path) -> Trained:
     field = Dynamic(box, told["frames"], options, latent=told["latent"])
     field.load_state_dict(held["field"])
     occupancy = Occupancy(cells=held["cells"], origin=held["corner"], spacing=told["spacing"])
-    return Trained(field=field.eval(), box=box, occupancy=occupancy, status=told["status"], sentence=told["sentence"])
+    ended = {name: told[name] for name in ("status", "sentence", "made_from")}
+    return Trained(field=field.eval(), box=box, occupancy=occupancy, **ended)

@@ -36,8 +36,8 @@ class TrainOptions:
     """Steps of both stages, samples a step, learning rates at their start, weights of losses.
 
     ramp: share of the motion stage over which frames join; pulling: levels of the hash grid whose derivative bends rays
-    meanwhile; density: weight of the loss that makes the inside opaque; canonical_share: how much of its first rate
-    the canonical field keeps in the motion stage.
+    meanwhile; cells: of the hulls along the longest side; density: weight of the loss that makes the inside opaque;
+    canonical_share: how much of its first rate the canonical field keeps in the motion stage.
     """
 
     canonical_steps: int = 1200
@@ -50,6 +50,7 @@ class TrainOptions:
     canonical_share: float = 0.1
     ramp: float = 0.5
     pulling: int = 5
+    cells: int = 96
     density: float = 0.01
     seed: int = 0
 
@@ -62,35 +63,42 @@ class TrainOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trained:
-    """field, where it may have something, and how the training ended: "done" or "diverged", with a sentence."""
+    """field, where it may have something, how the training ended: "done" or "diverged", with a sentence; and the
+    fingerprint of what it was made from."""
 
     field: Dynamic
     box: Box
     occupancy: Occupancy
     status: str
     sentence: str
+    made_from: str
 
 
 def train(
-    views: Views, folder: str | Path, options: TrainOptions | None = None, *, cells: int = 96,
+    views: Views, folder: str | Path, options: TrainOptions | None = None, *,
     say: Callable[[str], None] | None = None, watch: Watch | None = None, look: int = 1000,
 ) -> Trained:  # fmt: skip
     """Reconstruct what views show: a canonical field at frame 0 and the motion of all frames.
 
-    cells: of the hulls along the longest side; say: told what is being done; watch: shown the field every `look` steps.
+    say: told what is being done; watch: shown the field every `look` steps.
     A checkpoint in the folder is gone on from when it was made from the same views and options. A loss that is not
     finite or grows goes back to the last checkpoint at half the rates; after three times the status is "diverged".
     Raises ValueError without mattes, with one camera, or where a frame shows nothing.
     """
     options, folder, say = options or TrainOptions(), Path(folder), say or (lambda text: None)
     folder.mkdir(parents=True, exist_ok=True)
-    box, occupancy = hulls_of(views, cells=cells, say=say)
+    box, occupancy = hulls_of(views, cells=options.cells, say=say)
     pixels = Pixels.of(views, occupancy)
-    made_from = _fingerprint(views, options, cells)
+    made_from = fingerprint(views, options)
     run = _started(views, box, options)
     run.resume(folder / CHECKPOINT, made_from)
     run.save(folder / CHECKPOINT, made_from)
     total = options.canonical_steps + options.motion_steps * (len(views.times) > 1)
+
+    def ended(status: str, sentence: str) -> Trained:
+        return Trained(field=run.model.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence,
+                       made_from=made_from)  # fmt: skip
+
     while run.step < total:
         loss = _step(run, pixels, occupancy, options, len(views.times))
         if _diverged(run, loss):
@@ -99,7 +107,7 @@ def train(
                     f"the training diverged {_RESTARTS + 1} times, last at step {run.step}; the last checkpoint is kept"
                 )
                 run.resume(folder / CHECKPOINT, made_from)
-                return _ended(run, box, occupancy, "diverged", told)
+                return ended("diverged", told)
             restarts, slower = run.restarts + 1, run.slower / 2
             run.resume(folder / CHECKPOINT, made_from)
             run.restarts, run.slower = restarts, slower
@@ -110,7 +118,7 @@ def train(
             say(f"step {run.step} of {total}, loss {run.mean:.4f}")
         if watch is not None and (run.step % look == 0 or run.step == total):
             watch(run.step, run.model, occupancy)
-    return _ended(run, box, occupancy, "done", f"trained for {total} steps")
+    return ended("done", f"trained for {total} steps")
 
 
 def _started(views: Views, box: Box, options: TrainOptions) -> Run:
@@ -198,15 +206,13 @@ def _diverged(run: Run, loss: float) -> bool:
     return run.mean > _WORSE * run.best and run.mean > _WORSE * 1e-2
 
 
-def _ended(run: Run, box: Box, occupancy: Occupancy, status: str, sentence: str) -> Trained:
-    return Trained(field=run.model.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence)
-
-
-def _fingerprint(views: Views, options: TrainOptions, cells: int) -> str:
+def fingerprint(views: Views, options: TrainOptions) -> str:
     """Changes when what was filmed, or how it is trained on, does."""
-    parts = [repr(options), repr(cells), repr(views.times.tolist())]
+    digest = hashlib.sha256(repr((options, views.times.tolist())).encode())
     for camera, images, mattes in zip(views.cameras, views.images, views.mattes, strict=True):
-        middle = len(views.times) // 2
-        parts += [camera.name, camera.stream, repr(camera.K.tolist()), repr(camera.T_camera_world.tolist())]
-        parts += [hashlib.sha256(np.ascontiguousarray(a[f])).hexdigest() for a in (images, mattes) for f in (0, middle)]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        stands = camera.K.tolist(), camera.T_camera_world.tolist()
+        digest.update(repr((camera.name, camera.stream, stands, images.shape)).encode())
+        for frame in range(len(views.times)):
+            digest.update(np.ascontiguousarray(images[frame]))
+            digest.update(np.ascontiguousarray(mattes[frame]))
+    return digest.hexdigest()

@@ -7,6 +7,7 @@ Everything is in SI units and in the axes of a PLUSH reconstruction, as in all o
 """
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +75,15 @@ class Truth:
 def matte_path(folder: Path, camera: str, frame: int) -> Path:
     """Where a matte is kept."""
     return Path(folder) / "truth/mattes" / camera / f"{frame:08d}.png"
+
+
+def lend_mattes(folder: str | Path) -> None:
+    """Put the true mattes where `veo matte` would put its own: for tests of what comes after it.
+
+    Frames are the true ones: not for a recording whose cameras dropped some.
+    """
+    for place in (Path(folder) / "truth/mattes").iterdir():
+        shutil.copytree(place, Path(folder) / "capture/mattes" / place.name, dirs_exist_ok=True)
 
 
 def plate_path(folder: Path, camera: str) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Progress, Round, look
-from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, Verdict, stands
+from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, named, stands
 
 _STARTS = 2  # causes that a second one is looked for beside
 
@@ -45,9 +45,7 @@ def two_at_once(
     best = _clear(pairs)
     if best is None:
         return None
-    second = best.second
-    named = Verdict(kind="named", causes=(second,), sentence=second.refit.cause.sentence)
-    return replace(alone, verdict=_named(best.first)), replace(best.found, verdict=named)
+    return replace(alone, verdict=named(best.first)), replace(best.found, verdict=named(best.second))
 
 
 def _holds(first: Candidate, second: Candidate) -> bool:
@@ -67,7 +65,3 @@ def _clear(pairs: Sequence[_Pair]) -> _Pair | None:
     margin = max(APART, APART_SHARE * gained)
     rivals = [p for p in pairs if p.names != best.names and worth[id(best)] - worth[id(p)] < margin]
     return None if rivals else best
-
-
-def _named(candidate: Candidate) -> Verdict:
-    return Verdict(kind="named", causes=(candidate,), sentence=candidate.refit.cause.sentence)

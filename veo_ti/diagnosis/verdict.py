@@ -90,7 +90,12 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
             kind="ambiguous", causes=(best, *rivals),
             sentence=f"This measurement cannot tell these causes apart: {names}.",
         )  # fmt: skip
-    return Verdict(kind="named", causes=(best,), sentence=best.refit.cause.sentence)
+    return named(best)
+
+
+def named(cause: Candidate) -> Verdict:
+    """One cause explains what is wrong."""
+    return Verdict(kind="named", causes=(cause,), sentence=cause.refit.cause.sentence)
 
 
 def unexplained(nearest: Sequence[Candidate]) -> Verdict:

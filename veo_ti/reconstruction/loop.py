@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.images import write_image
+from recon.images import shown, write_image
 from recon.quality.similarity import QualityRow
 from recon.radiance.storage import load_trained
 from recon.views import Views
@@ -72,13 +72,13 @@ def _tables(
     held = held[np.unique(np.linspace(0, len(held) - 1, _MOST).astype(int))]
     frames = np.round(result.observation.time[held] * PLUSH_FRAME_RATE).astype(int).tolist()
     measure = lpips_or_none()
-    rows, shown = {}, []
+    rows, views = {}, []
     for name, states in (("reconstructed", result.observation.points[held]), ("simulated", result.model.y[held])):
         rows[name], pictures = table_two(renderer, judges, frames, states, measure)
-        shown.append(pictures[0])
+        views.append(pictures[0])
     matte = np.asarray(judges.mattes[0][frames[0]])[..., None] / 255
-    row = np.concatenate([matte * judges.images[0][frames[0]] / 255, *shown], axis=1)
-    return rows, (255 * row.clip(0, 1)).astype(np.uint8)
+    row = np.concatenate([matte * judges.images[0][frames[0]] / 255, *views], axis=1)
+    return rows, shown(row)
 
 
 def _told(tables: Mapping[str, QualityRow], metrics: Mapping[str, object]) -> str:

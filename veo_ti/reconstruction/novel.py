@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.cameras import Camera, look_at
-from recon.radiance.rendering import Picture
+from recon.cameras import UP, Camera, look_at
+from recon.images import shown
 from sim.terms.contact import Contact, contact_alpha
 from sim.terms.shapes import Sphere
 from veo_ti.object import VirtualElasticObject
@@ -15,7 +15,6 @@ from veo_ti.reconstruction.rerender import Rerenderer
 from veo_ti.view import write_film
 
 STEPS = 10  # states of each film, there; and back the same way
-UP = np.array([0, 1.0, 0])  # the reconstruction's axes: y points upwards
 _SIDE, _FPS = 192, 15  # [px], [1/s]
 _PRESSED, _PUSHED = 0.12, 0.1  # of the object's height, how far the ball goes down, and about how far the top is pushed
 _BALL = 0.15  # of the object's height, the ball's radius
@@ -31,7 +30,8 @@ def film_novel(obj: VirtualElasticObject, renderer: Rerenderer, out: Path) -> di
     force = _push_force(obj, top, _PUSHED * height, 0.15 * height)
     pushed = obj.simulate(obj.push_at(top, ramp[:, None] * force, 0.15 * height), frames=len(ramp))
     write_film(
-        (_bytes(renderer.picture(y, camera)) for y in _there_and_back(pushed.y)), camera.size, out / "push.mp4", _FPS
+        (shown(renderer.picture(y, camera).colour) for y in _there_and_back(pushed.y)),
+        camera.size, out / "push.mp4", _FPS,
     )
     ball, start = Sphere(radius=_BALL * height), top + (_BALL * height + 0.02 * height) * UP
     way = start - ramp[:, None] * (_PRESSED + 0.02) * height * UP
@@ -40,7 +40,7 @@ def film_novel(obj: VirtualElasticObject, renderer: Rerenderer, out: Path) -> di
 
     def pictures() -> Iterator[np.ndarray]:
         for y, place in zip(_there_and_back(pressed.y), _there_and_back(way), strict=True):
-            yield _bytes(renderer.picture(y, camera, collider_picture(ball, place, camera, _BALL_COLOUR)))
+            yield shown(renderer.picture(y, camera, collider_picture(ball, place, camera, _BALL_COLOUR)).colour)
 
     write_film(pictures(), camera.size, out / "ball.mp4", _FPS)
     moved = {name: 1e3 * float(np.linalg.norm(e.y[-1] - obj.x, axis=1).max())
@@ -69,7 +69,3 @@ def _camera(x: np.ndarray) -> Camera:
 
 def _there_and_back(states: np.ndarray) -> np.ndarray:
     return np.concatenate([states, states[-2::-1]])
-
-
-def _bytes(picture: Picture) -> np.ndarray:
-    return (255 * picture.colour.clip(0, 1)).astype(np.uint8)

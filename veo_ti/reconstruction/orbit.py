@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.cameras import Camera, look_at
-from recon.images import write_image
+from recon.cameras import UP, Camera, look_at
+from recon.images import shown, write_image
 from recon.plush.calibration import camera_of, read_calibration
 from recon.plush.capture import CALIBRATION
 from recon.radiance.rendering import render
@@ -17,7 +17,6 @@ from veo_ti.reconstruction.run import FIELD
 from veo_ti.store import writable_folder
 from veo_ti.view import write_film
 
-UP = np.array([0, 1.0, 0])  # the reconstruction's axes: y points upwards
 _LIFT, _AWAY = 0.25, 2.6  # of the box's side: how high above the middle, and how far away, the orbit runs
 _FPS = 20
 
@@ -40,7 +39,7 @@ def render_reconstruction(
     if view is not None:
         picture = render(trained.field, trained.occupancy, _camera(folder, view, size), frame=frame or 0)
         made.append(out / f"{view}_{frame or 0:04d}.png")
-        write_image(made[-1], _bytes(picture.colour))
+        write_image(made[-1], shown(picture.colour))
     if orbit > 0:
         path = out / "orbit.mp4"
         made.append(write_film(_turning(trained, orbit, frame, size), (size, size), path, _FPS))
@@ -55,8 +54,8 @@ def _turning(trained: Trained, orbit: int, frame: int | None, size: int) -> Gene
         angle = 2 * np.pi * i / orbit
         eye = middle + side * np.array([_AWAY * np.sin(angle), _LIFT, _AWAY * np.cos(angle)])
         camera = Camera(name="orbit", K=K, T_camera_world=look_at(eye, middle, UP), size=(size, size))
-        shown = render(trained.field, trained.occupancy, camera, frame=i * count // orbit if frame is None else frame)
-        yield _bytes(shown.colour)
+        at = i * count // orbit if frame is None else frame
+        yield shown(render(trained.field, trained.occupancy, camera, frame=at).colour)
 
 
 def _half(trained: Trained) -> np.ndarray:
@@ -72,7 +71,3 @@ def _camera(folder: Path, name: str, size: int) -> Camera:
     camera = camera_of(name, entries[name], tuple(int(n) for n in entries[name]["resolution_w_h"])).undistorted()
     scale = size / max(camera.size)
     return camera.resized((max(1, round(scale * camera.size[0])), max(1, round(scale * camera.size[1]))))
-
-
-def _bytes(colour: np.ndarray) -> np.ndarray:
-    return (255 * colour.clip(0, 1)).astype(np.uint8)

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon.images import write_image
+from recon.images import shown, write_image
 from recon.radiance.extraction import Cloud4D
 from veo_ti.report import Section, Table, write_report
 
@@ -50,12 +50,11 @@ def _number(value: float | None) -> str:
     return "not measured" if value is None else f"{value:.3g}"
 
 
-def _beside(camera: str, frame: int, shown: np.ndarray, filmed: np.ndarray) -> np.ndarray:
-    difference = np.clip(4 * np.abs(shown - filmed), 0, 1)
-    row = np.concatenate([shown, filmed, difference], axis=1)
+def _beside(camera: str, frame: int, rendered: np.ndarray, filmed: np.ndarray) -> np.ndarray:
+    row = np.concatenate([rendered, filmed, 4 * np.abs(rendered - filmed)], axis=1)
     scale = _HEIGHT / row.shape[0]
     size = (3 * _HEIGHT, _HEIGHT)
-    image = cv2.resize((255 * row.clip(0, 1)).astype(np.uint8), (max(1, round(scale * row.shape[1])), _HEIGHT))
+    image = cv2.resize(shown(row), (max(1, round(scale * row.shape[1])), _HEIGHT))
     image = cv2.resize(image, size) if image.shape[1] != size[0] else image
     label = f"{camera}, frame {frame}"
     return cv2.putText(image, label, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
@@ -64,9 +63,9 @@ def _beside(camera: str, frame: int, shown: np.ndarray, filmed: np.ndarray) -> n
 def _cloud_picture(cloud: Cloud4D) -> np.ndarray:
     """The cloud from two sides: its colours, and how far each point moves, from dark (not) to bright (most)."""
     moved = np.linalg.norm(cloud.points - cloud.points[:1], axis=2).max(axis=0)
-    level = (255 * moved / max(float(moved.max()), 1e-12)).astype(np.uint8)
+    level = shown(moved / max(float(moved.max()), 1e-12))
     heat = cv2.applyColorMap(level[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
-    parts = [_dots(cloud, axes, colours) for colours in ((255 * cloud.colours).clip(0, 255).astype(np.uint8), heat)
+    parts = [_dots(cloud, axes, colours) for colours in (shown(cloud.colours), heat)
              for axes in ((0, 2), (2, 0))]  # fmt: skip
     return np.concatenate(parts, axis=1)
 

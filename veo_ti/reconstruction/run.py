@@ -17,10 +17,9 @@ from recon.quality.similarity import QualityRow, quality_row
 from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
 from recon.radiance.rendering import render
 from recon.radiance.storage import load_trained, save_trained
-from recon.radiance.training import Trained, TrainOptions, train
+from recon.radiance.training import Trained, TrainOptions, fingerprint, train
 from recon.views import ViewOptions, Views, training_views
 from sim.checks import require
-from veo_ti.kept import key_of
 from veo_ti.reconstruction.pages import write_page
 from veo_ti.store import Sequence as Stored
 from veo_ti.store import writable_folder, write_json_atomic, write_sequence
@@ -108,14 +107,11 @@ def capture_of(folder: Path, choice: ReconstructChoice) -> Capture:
 
 def _trained(views: Views, choice: ReconstructChoice, out: Path, say: Callable[[str], None]) -> Trained:
     """The field that is there, when it was made from the same choice and pictures, else a new one."""
-    key = key_of(choice.train, choice.greys, *[c.name for c in views.cameras], *[i[0] for i in views.images],
-                 *[m[-1] for m in views.mattes])  # fmt: skip
-    note = out / "field.key"
-    if (out / FIELD).exists() and note.exists() and note.read_text(encoding="utf-8") == key:
-        return load_trained(out / FIELD)
+    found = load_trained(out / FIELD) if (out / FIELD).exists() else None
+    if found is not None and found.made_from == fingerprint(views, choice.train):
+        return found
     trained = train(views, out / "training", choice.train, say=say)
     save_trained(out / FIELD, trained, choice.train.field)
-    note.write_text(key, encoding="utf-8")
     return trained
 
 

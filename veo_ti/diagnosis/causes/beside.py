@@ -1,6 +1,6 @@
 """Two causes at once: one that was found, and another beside it, the parameters of both free."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,19 +26,23 @@ class Beside(Cause):
         n = len(self.found.parameters)
         return (self.found, slice(0, n)), (self.other, slice(n, len(self.parameters)))
 
+    def _placed(self, place: Places) -> Iterator[tuple[Cause, slice, Any]]:
+        for (cause, own), at in zip(self.parts, place, strict=True):
+            yield cause, own, at
+
     def change(self, scene: Scene, theta: np.ndarray, place: Places) -> Change:
         """Both changes; what tracking makes of the positions comes one after the other."""
-        each = [cause.change(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
-        return _joined(each)
+        return _joined([cause.change(scene, theta[own], at) for cause, own, at in self._placed(place)])
 
     def companion(self, scene: Scene, theta: np.ndarray, place: Places) -> Change | None:
         """Of those that have one."""
-        each = [cause.companion(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
-        return _joined([c for c in each if c is not None]) if any(c is not None for c in each) else None
+        each = [cause.companion(scene, theta[own], at) for cause, own, at in self._placed(place)]
+        some = [c for c in each if c is not None]
+        return _joined(some) if some else None
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Places) -> Carried | None:
         """The sum, to first order."""
-        each = [cause.carried(scene, theta[own], at) for (cause, own), at in zip(self.parts, place, strict=True)]
+        each = [cause.carried(scene, theta[own], at) for cause, own, at in self._placed(place)]
         some = [c for c in each if c is not None]
         return (lambda *moved: sum(c(*moved) for c in some)) if some else None
 
