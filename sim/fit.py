@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
+from sim.checks import require
 from sim.energy import Energy
 from sim.evidence import Normal, best_hyperparameters, design_effect, posterior
 from sim.lame import Lame
@@ -108,12 +109,16 @@ def fit(
 
 
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
-    """A first shear modulus [Pa]: the one whose linear response to the loads best matches the observed motion."""
+    """A first shear modulus [Pa]: the one whose linear response to the loads best matches the observed motion.
+
+    Raises ValueError when no frame is loaded: motion without loads tells no modulus.
+    """
     cloud = energy.elastic.cloud
     lame = Lame.from_young(np.full(cloud.count, 2.8 * mu), 0.4)
     energy = energy.with_elastic(type(energy.elastic).neo_hookean(cloud, lame))
     rest = np.repeat(cloud.x[None], len(target.y), axis=0)
     right = -energy.gradient(rest)
+    require(bool(right.any()), "loads", "act on a point that may move in at least one frame of the fit", "none")
     largest = np.argmax((right**2).sum(axis=(1, 2)), keepdims=True)
     tangent = energy.frames(largest).tangent(rest[:1])
     u = solve_directly(tangent, Layout(pattern=energy.elastic.pattern), right[None])[0]

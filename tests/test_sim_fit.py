@@ -101,6 +101,13 @@ def test_first_guess_is_within_a_factor_of_the_truth(sequence, few):
         assert 0.5 * sequence.mu_true.min() < guess < 2 * sequence.mu_true.max()
 
 
+def test_motion_without_loads_tells_no_modulus(few):
+    energy, seen = few
+    idle = replace(energy, terms=tuple(replace(t, force=0 * t.force) for t in energy.terms))
+    with pytest.raises(ValueError, match="loads must act on a point that may move in at least one frame of the fit"):
+        guess_modulus(idle, seen)
+
+
 def test_fit_that_was_interrupted_goes_on_to_the_same_material(few):
     states = []
     options = FitOptions(modes=12, ratio_modes=2)
