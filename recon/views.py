@@ -12,10 +12,11 @@ from recon.cameras import ROLES, STREAMS, Camera, Resampling
 from recon.capture import Capture
 from recon.crop import FIRST_THRESHOLD, object_box
 from recon.files import read_json, replacing, write_json
+from recon.mattes.foreground import over_black
 from recon.video import FrameSource
 from sim.checks import require
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +41,9 @@ class ViewOptions:
 class Views:
     """What training reads: cameras behind perfect lenses, and for each its pictures.
 
-    times (T,) [s]; images: (T, h, w, 3) or grey (T, h, w) uint8 by camera, read from disk as they are used; mattes:
-    (T, h, w) uint8 by camera, or none at all; inside: (h, w) bool by camera, False where the lens showed nothing.
+    times (T,) [s]; images: (T, h, w, 3) or grey (T, h, w) uint8 by camera, read from disk as they are used; where there
+    are mattes, what the object alone adds to the picture, over black; mattes: (T, h, w) uint8 by camera, or none at
+    all; inside: (h, w) bool by camera, False where the lens showed nothing.
     """
 
     cameras: tuple[Camera, ...]
@@ -88,8 +90,11 @@ def _made(capture: Capture, camera: Camera, folder: Path, options: ViewOptions) 
     note.unlink(missing_ok=True)
     goal = _goal(capture, camera, options)
     resample = Resampling.of(camera, goal)
-    for source, name in _files(capture, camera):
-        _write_stack(folder / f"{name}.npy", map(resample, source.frames()), source.count, goal.size)
+    for source, name in reversed(_files(capture, camera)):
+        pictures = map(resample, source.frames())
+        if name == camera.name and name in capture.mattes:
+            pictures = map(over_black, pictures, _mapped(folder, f"{name}.matte"))
+        _write_stack(folder / f"{name}.npy", pictures, source.count, goal.size)
     kept = {"inputs": _inputs(capture, camera, options), "K": goal.K.tolist(), "size": list(goal.size)}
     write_json(note, kept)
     return goal

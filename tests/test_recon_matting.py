@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from furry import difference_network, shot
 
+from recon.mattes.foreground import over_black
 from recon.mattes.masks import MaskOptions, brightness_mask, cleaned, plate_mask, plate_of
 from recon.mattes.matting import MattingOptions, closed_form, matte, trimap
 from recon.mattes.network import network_matte, open_network
@@ -201,3 +202,25 @@ def test_bad_input_is_one_sentence():
     with pytest.raises(ValueError, match="matte must have the picture's shape"):
         facts_of(np.zeros((4, 4)), image)
     assert not brightness_mask(image).any()
+
+
+def mixed(*depth: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A disc of one colour over a brighter ground: picture, matte, and the disc over black."""
+    y, x = np.mgrid[:60, :60]
+    alpha = np.clip(22 - np.hypot(x - 30, y - 30), 0, 4) / 4
+    alpha = alpha.reshape(60, 60, *[1] * len(depth))
+    disc, ground = np.array([180.0, 120.0, 60.0])[: depth[0] if depth else 1], 230.0
+    image = alpha * (disc if depth else disc[0]) + (1 - alpha) * ground
+    matte = np.round(255 * alpha.reshape(60, 60)).astype(np.uint8)
+    return np.round(image).astype(np.uint8), matte, image - (1 - alpha) * ground
+
+
+@pytest.mark.parametrize("depth", [(), (3,)])
+def test_the_background_is_taken_out_of_mixed_pixels(depth):
+    image, alpha, alone = mixed(*depth)
+    edge = (alpha > 20) & (alpha < 235)
+    off = np.abs(over_black(image, alpha).astype(float) - alone)[edge].mean()
+    twice = np.abs(alpha.reshape(60, 60, *[1] * len(depth)) / 255.0 * image - alone)[edge].mean()
+    assert off < 8 and off < twice / 4
+    sharp = np.where(alpha > 127, 255, 0).astype(np.uint8)
+    assert (over_black(image, sharp) == np.where((sharp > 0).reshape(60, 60, *[1] * len(depth)), image, 0)).all()

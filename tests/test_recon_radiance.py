@@ -116,6 +116,11 @@ def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, ca
 SHORT = replace(OPTIONS, canonical_steps=12, motion_steps=12, samples=512, cells=16)
 
 
+def test_the_same_seed_gives_the_same_field(views, tmp_path):
+    first, second = (train(views, tmp_path / name, SHORT).field.state_dict() for name in "ab")
+    assert all((second[name] == value).all() for name, value in first.items())
+
+
 @pytest.fixture()
 def one_thread():
     """Sums of several threads may be rounded otherwise from run to run."""

@@ -1,5 +1,7 @@
 """Taichi kernels behind torch: values and gradients against torch in double precision, marching against numpy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,8 @@ import torch
 from recon.radiance.compositing import composite
 from recon.radiance.hashgrid import HashEncoding, HashGrid
 from recon.radiance.marching import Occupancy, march
+from recon.radiance.rendering import along
+from recon.radiance.stopping import Stops
 
 SMALL = HashGrid(levels=3, coarsest=3, finest=11, log2_table=8)  # the first level dense, the others hashed
 PRIMES = (1, 2654435761, 805459861)
@@ -176,3 +180,29 @@ def test_packed_rays_follow_one_another(occupancy):
 def test_occupancy_of_another_kind_is_refused():
     with pytest.raises(ValueError, match=r"cells must be \(T, X, Y, Z\) uint8"):
         Occupancy(cells=torch.ones(3, 3, 3), origin=torch.zeros(3), spacing=0.1)
+
+
+def test_rays_end_behind_what_is_opaque_and_show_the_same(occupancy):
+    """A slab half a cell thick in the second frame; nobody looked at the first."""
+    full = replace(occupancy, cells=torch.ones(2, 12, 12, 12, dtype=torch.uint8), origin=torch.zeros(3), spacing=0.1)
+
+    def field(places, frame):
+        slab = (places[:, 2] > 0.4) & (places[:, 2] < 0.6)
+        return torch.where(slab, 400.0, 0.01), places
+
+    stops = Stops.of(full)
+    stops.look(field, [1])
+    start = torch.tensor([[0.55, 0.55, -1.0], [0.55, 0.55, -1.0], [-0.2, 0.3, -1.0], [0.5, 0.5, 0.65]])
+    direction, frame = torch.tensor([[0.0, 0, 1]] * 4), torch.tensor([1, 0, 1, 1])
+    until = stops.until(start, direction, frame)
+    assert 1.6 <= until[0] <= 2.1 and torch.isinf(until[1:]).all()
+    ends = [along(field, full, start, direction, frame, until=u)[0] for u in (until, None)]
+    torch.testing.assert_close(ends[0].colour, ends[1].colour, atol=1e-3, rtol=0)
+
+
+def test_a_coarse_cell_is_looked_at_where_any_of_its_parts_is_occupied(occupancy):
+    found = Stops.of(occupancy).occupied
+    assert found.shape == (2, 3, 3, 2)
+    padded = torch.zeros(2, 6, 6, 4, dtype=torch.uint8)
+    padded[:, :, :5] = occupancy.cells
+    assert (found == padded.reshape(2, 3, 2, 3, 2, 2, 2).amax(dim=(2, 4, 6)).bool()).all()

@@ -14,8 +14,8 @@ from sim.checks import require
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
-    """Of R pixels: rays (start, direction (R, 3)), frame (R,), camera (R,), colour (R, 3) 0 to 1 (grey thrice), matte
-    (R,) 0 to 1, and whether the camera is grey (R,)."""
+    """Of R pixels: rays (start, direction (R, 3)), frame (R,), camera (R,), the object's colour over black (R, 3) 0 to
+    1 (grey thrice), matte (R,) 0 to 1, and whether the camera is grey (R,)."""
 
     start: torch.Tensor
     direction: torch.Tensor

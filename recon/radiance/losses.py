@@ -28,7 +28,7 @@ def colour_loss(seen: Composite, batch: Batch, gains: torch.Tensor, behind: torc
     grey = (own @ luminance) * gain + bias * seen.opacity
     own = torch.where(batch.grey[:, None], grey[:, None], own)
     predicted = own + (1 - seen.opacity)[:, None] * behind
-    filmed = batch.matte[:, None] * batch.colour + (1 - batch.matte)[:, None] * behind
+    filmed = batch.colour + (1 - batch.matte)[:, None] * behind
     return torch.nn.functional.smooth_l1_loss(predicted, filmed, beta=_BEND) / _BEND
 
 

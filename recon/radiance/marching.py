@@ -103,7 +103,7 @@ def _triple(values: ti.template(), r):
 
 
 @ti.func
-def _ray(
+def ray_in_box(
     start: ti.template(), direction: ti.template(), until: ti.template(), cells: ti.template(), origin: ti.template(),
     spacing: ti.f32, r,
 ):  # fmt: skip
@@ -120,7 +120,7 @@ def _count(
     spacing: ti.f32, step: ti.f32, rays: Numbers2,
 ):  # fmt: skip
     for r in range(start.shape[0]):
-        o, d, low, near, far = _ray(start, direction, until, cells, origin, spacing, r)
+        o, d, low, near, far = ray_in_box(start, direction, until, cells, origin, spacing, r)
         found, i = 0, 0
         depth = near + shift[r] * step
         while depth < far:
@@ -139,7 +139,7 @@ def _write(
     # Compiled apart, the two kernels may round a depth differently: no more samples are written than were counted, and
     # what would be missing is put where the ray leaves the box.
     for r in range(start.shape[0]):
-        o, d, low, near, far = _ray(start, direction, until, cells, origin, spacing, r)
+        o, d, low, near, far = ray_in_box(start, direction, until, cells, origin, spacing, r)
         n, end, i = rays[r, 0], rays[r, 0] + rays[r, 1], 0
         depth = near + shift[r] * step
         while n < end:

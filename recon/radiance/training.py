@@ -16,6 +16,7 @@ from recon.radiance.losses import colour_loss, density_loss, warp_loss
 from recon.radiance.marching import Occupancy
 from recon.radiance.rendering import along
 from recon.radiance.run_state import Run
+from recon.radiance.stopping import Stops
 from recon.views import Views
 from sim.checks import require
 
@@ -29,6 +30,10 @@ _END = 0.05  # of their rates, that all have at the end
 _RAYS = (256, 8192)  # fewest and most in a step
 _WORSE = 5.0  # times its best running mean, at which the loss counts as diverged
 _RESTARTS = 3
+_TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
+_LOOK = 100  # steps between looks at what has become opaque
+_LOOKED = 16  # frames looked at each time
+_WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +93,7 @@ def train(
     options, folder, say = options or TrainOptions(), Path(folder), say or (lambda text: None)
     folder.mkdir(parents=True, exist_ok=True)
     box, occupancy = hulls_of(views, cells=options.cells, say=say)
-    pixels = Pixels.of(views, occupancy)
+    pixels, stops = Pixels.of(views, occupancy), Stops.of(occupancy)
     made_from = fingerprint(views, options)
     run = _started(views, box, options)
     run.resume(folder / CHECKPOINT, made_from)
@@ -100,7 +105,8 @@ def train(
                        made_from=made_from)  # fmt: skip
 
     while run.step < total:
-        loss = _step(run, pixels, occupancy, options, len(views.times))
+        _look(run, stops, options)
+        loss = _step(run, pixels, occupancy, stops, options)
         if _diverged(run, loss):
             if run.restarts == _RESTARTS:
                 told = (
@@ -140,20 +146,32 @@ def _started(views: Views, box: Box, options: TrainOptions) -> Run:
     return Run(model=model, gains=gains, optimisers=optimisers, generator=generator)
 
 
-def _step(run: Run, pixels: Pixels, occupancy: Occupancy, options: TrainOptions, frames: int) -> float:
+def _look(run: Run, stops: Stops, options: TrainOptions) -> None:
+    """Every so many steps, and of many frames some at a time."""
+    turn, left = divmod(run.step, _LOOK)
+    if turn and not left:
+        frames = len(run.model.latents) if run.step > options.canonical_steps else 1
+        turns = -(-frames // _LOOKED)
+        stops.look(run.model, range(turn % turns, frames, turns))
+
+
+def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options: TrainOptions) -> float:
     """One batch of rays, one step of every optimiser; the loss."""
     moving = run.step >= options.canonical_steps
-    chosen = _joined(run, options, frames) if moving else [0]
+    chosen = _joined(run, pixels, occupancy, options) if moving else [0]
     _set_rates(run, options, moving)
     batch = pixels.draw(frames_of(run.rays, chosen, run.generator), run.generator)
     behind, shift = (torch.rand(run.rays, *n, generator=run.generator) for n in ((3,), ()))
+    until = stops.until(batch.start, batch.direction, batch.frame)
+    until[::_WHOLE] = torch.inf
     canonical: list[torch.Tensor] = []
 
     def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         canonical.append(run.model.bent(places, frame))
         return run.model.canonical(canonical[0])
 
-    seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame, shift=shift)
+    seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame,
+                                    shift=shift, until=until)  # fmt: skip
     loss = colour_loss(seen, batch, run.gains, behind)
     loss = loss + options.density * density_loss(seen, samples, thickness, batch)
     warped = warp_loss(run.model, samples, canonical[0], thickness, run.generator) if moving else None
@@ -167,16 +185,32 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, options: TrainOptions,
     return float(loss.detach())
 
 
-def _joined(run: Run, options: TrainOptions, frames: int) -> list[int]:
-    """The frames that take part; one that joins starts from the motion of the one before it, and is drawn often."""
+def _joined(run: Run, pixels: Pixels, occupancy: Occupancy, options: TrainOptions) -> list[int]:
+    """The frames that take part; one that joins starts from the motion that suits it best, and is drawn often."""
+    frames = len(run.model.latents)
     done = (run.step - options.canonical_steps) / max(options.motion_steps, 1)
     count = min(frames, 2 + int(done / options.ramp * (frames - 1)))
     before = min(frames, 2 + int((done - 1 / max(options.motion_steps, 1)) / options.ramp * (frames - 1)))
     with torch.no_grad():
         for frame in range(max(before, 2), count):
-            run.model.latents[frame] = run.model.latents[frame - 1]
+            run.model.latents[frame] = run.model.latents[_alike(run, pixels, occupancy, frame)]
     every = list(range(count))
     return every + [count - 1] * count + [count - 2] * (count // 2) if done < options.ramp else every
+
+
+def _alike(run: Run, pixels: Pixels, occupancy: Occupancy, frame: int) -> int:
+    """Which earlier frame's motion shows this frame best: the last ones, and some of all."""
+    batch = pixels.draw(torch.full((_TRIED_RAYS,), frame), run.generator)
+    tried = {*range(max(1, frame - _TRIED), frame), *np.linspace(1, frame - 1, _TRIED).astype(int).tolist()}
+    losses = {}
+    for other in sorted(tried):
+
+        def field(places: torch.Tensor, frames: torch.Tensor, other: int = other) -> tuple[torch.Tensor, torch.Tensor]:
+            return run.model(places, torch.full_like(frames, other))
+
+        seen = along(field, occupancy, batch.start, batch.direction, batch.frame)[0]
+        losses[other] = float(colour_loss(seen, batch, run.gains, torch.zeros(_TRIED_RAYS, 3)))
+    return min(losses, key=losses.__getitem__)
 
 
 def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:

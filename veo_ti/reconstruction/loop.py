@@ -76,8 +76,7 @@ def _tables(
     for name, states in (("reconstructed", result.observation.points[held]), ("simulated", result.model.y[held])):
         rows[name], pictures = table_two(renderer, judges, frames, states, measure)
         views.append(pictures[0])
-    matte = np.asarray(judges.mattes[0][frames[0]])[..., None] / 255
-    row = np.concatenate([matte * judges.images[0][frames[0]] / 255, *views], axis=1)
+    row = np.concatenate([judges.images[0][frames[0]] / 255, *views], axis=1)
     return rows, shown(row)
 
 

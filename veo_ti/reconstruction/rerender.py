@@ -41,8 +41,7 @@ def table_two(
     shown, filmed, mattes = [], [], []
     for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
         for frame, moved in zip(frames, states, strict=True):
-            matte = np.asarray(masks[frame]) / 255
             shown.append(renderer.picture(moved, camera).colour)
-            filmed.append(matte[..., None] * images[frame] / 255)
-            mattes.append(matte)
+            filmed.append(images[frame] / 255)
+            mattes.append(np.asarray(masks[frame]) / 255)
     return quality_row(shown, filmed, mattes, lpips), shown

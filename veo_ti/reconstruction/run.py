@@ -123,7 +123,7 @@ def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str
         for frame in frames:
             matte = np.asarray(masks[frame]) / 255
             picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
-            target = matte[..., None] * images[frame] / 255
+            target = images[frame] / 255
             shown, filmed, mattes = [*shown, picture], [*filmed, target], [*mattes, matte]
             pairs.append((camera.name, frame, picture, target))
     return quality_row(shown, filmed, mattes, lpips_or_none()), pairs

@@ -1,0 +1,161 @@
+"""`python -m benchmarks.reconstruction`: reconstruct rig recordings, and measure it against the truth beside them."""
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from benchmarks.reconstruction_rows import (
+    Filmed,
+    bent_rows,
+    cloud_rows,
+    correspondence_row,
+    extracted,
+    object_rows,
+    picture_row,
+    timed,
+)
+from benchmarks.table import Row, publish, report
+from recon.radiance.extraction import ExtractOptions
+from recon.radiance.training import TrainOptions
+from recon.rig.make import make_rig
+from recon.rig.motion import SHAPES
+from recon.rig.options import RigOptions
+from recon.rig.truth import lend_mattes
+from veo_ti.reconstruction.loop import run_recording
+from veo_ti.reconstruction.run import ReconstructChoice
+
+_WORDS = (
+    "How well synthetic recordings are reconstructed, whose truth is known, and what that costs. Mattes are the true "
+    "ones; two cameras judge and taught nothing. Times are those of this machine as busy as it was."
+)
+_SMALL = "This was `--quick`: pictures too small for the targets, which are meant for the full run."
+_TEST = ("cam0004", "cam0010")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is measured: the recordings, their training sizes [px] and the steps of each training."""
+
+    static: RigOptions
+    static_resolution: int
+    static_steps: int
+    moving: RigOptions
+    resolution: int
+    short: TrainOptions  # for two minutes
+    long: TrainOptions  # for five
+    points: int
+    loop: RigOptions
+    shapes: tuple[str, ...]
+    choice: ReconstructChoice
+    modes: int
+    every: int
+    test: tuple[str, ...] = _TEST
+
+
+FULL = Plan(
+    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=700,
+    moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
+    short=TrainOptions(canonical_steps=600, motion_steps=2000),
+    long=TrainOptions(canonical_steps=1200, motion_steps=5500),
+    points=12_000, loop=RigOptions(frames=24, size=240, greys=False), shapes=SHAPES,
+    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=600, motion_steps=2000),
+                             extract=ExtractOptions(points=4000)),
+    modes=40, every=4,
+)  # fmt: skip
+_FEW = TrainOptions(canonical_steps=250, motion_steps=100, samples=4096)
+QUICK = Plan(
+    static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48, static_steps=250,
+    moving=RigOptions(cameras=8, frames=4, size=96, greys=False), resolution=48, short=_FEW, long=_FEW, points=700,
+    loop=RigOptions(cameras=8, frames=4, size=96, greys=False), shapes=SHAPES[:1],
+    choice=ReconstructChoice(resolution=48, test=("cam0003",), train=_FEW, extract=ExtractOptions(points=700)),
+    modes=6, every=2, test=("cam0003",),
+)  # fmt: skip
+
+
+def sections(place: Path, plan: Plan) -> dict[str, Callable[[], list[Row]]]:
+    """What is measured in which order."""
+    out = {
+        "one frame": lambda: static_rows(place, plan),
+        "short training": lambda: short_rows(place, plan),
+        "long training": lambda: long_rows(place, plan),
+    }
+    return out | {f"the whole way, {shape}": lambda shape=shape: loop_rows(place, plan, shape) for shape in plan.shapes}
+
+
+def static_rows(place: Path, plan: Plan) -> list[Row]:
+    """One frame at twice the resolution."""
+    filmed = Filmed.of(_recorded(place / "static", plan.static), plan.static_resolution, plan.test).only_first_frame()
+    with tempfile.TemporaryDirectory() as folder:
+        work = timed(filmed, replace(plan.long, canonical_steps=plan.static_steps, motion_steps=0), Path(folder))
+    return [picture_row(filmed, work, f"One frame, {plan.static_resolution} pixels", least=33, most=30)]
+
+
+def short_rows(place: Path, plan: Plan) -> list[Row]:
+    """All frames, two minutes."""
+    filmed, what = _moving(place, plan)
+    with tempfile.TemporaryDirectory() as folder:
+        work = timed(filmed, plan.short, Path(folder))
+    what = f"{what}, short training"
+    shown = picture_row(filmed, work, what, least=28, most=120)
+    return [shown, correspondence_row(filmed, work, what, mean=1, median=0.3)]
+
+
+def long_rows(place: Path, plan: Plan) -> list[Row]:
+    """All frames, five minutes; the cloud of that training, and pictures bent by it."""
+    filmed, what = _moving(place, plan)
+    with tempfile.TemporaryDirectory() as folder:
+        work = timed(filmed, plan.long, Path(folder))
+    long = f"{what}, long training"
+    cloud = extracted(filmed, work, plan.points)
+    return [
+        picture_row(filmed, work, long, least=31, most=300),
+        correspondence_row(filmed, work, long, mean=0.5, median=None),
+        *cloud_rows(filmed, cloud, long), *bent_rows(filmed, work.trained, cloud, long),
+    ]  # fmt: skip
+
+
+def loop_rows(place: Path, plan: Plan, shape: str) -> list[Row]:
+    """`veo run` of one shape: our Tables 1 and 2."""
+    folder = _recorded(place / f"loop-{shape}", replace(plan.loop, shape=shape))
+    out, begin = place / f"out-{shape}", time.perf_counter()
+    found = run_recording(folder, out, plan.choice, modes=plan.modes, every=plan.every)
+    size = f"{plan.loop.cameras} cameras, {plan.loop.frames} frames, {plan.choice.resolution} pixels"
+    took = Row(what=f"`veo run`, {shape} ({size})", figure=f"{time.perf_counter() - begin:.0f} s")
+    return [took, *object_rows(shape, found, out)]
+
+
+def _moving(place: Path, plan: Plan) -> tuple[Filmed, str]:
+    filmed = Filmed.of(_recorded(place / "moving", plan.moving), plan.resolution, plan.test)
+    cameras = len(filmed.views.cameras) + len(filmed.judges.cameras)
+    return filmed, f"{len(filmed.views.times)} frames x {cameras} cameras x {plan.resolution} pixels"
+
+
+def _recorded(folder: Path, options: RigOptions) -> Path:
+    """Made where it is not there yet, with the true mattes."""
+    if not (folder / "capture").exists():
+        make_rig(folder, options)
+        lend_mattes(folder)
+    return folder
+
+
+def main() -> None:
+    """Measure, print and, on request, write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.reconstruction", description="As markdown.")
+    parser.add_argument("--quick", action="store_true", help="small recordings: does everything run?")
+    parser.add_argument("--only", nargs="*", help="sections, by their first word")
+    parser.add_argument("--folder", type=Path, help="keep the recordings here, and go on with those that are there")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the markdown here too")
+    given = parser.parse_args()
+    os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
+    with tempfile.TemporaryDirectory() as place:
+        measured = sections(given.folder or Path(place), QUICK if given.quick else FULL)
+        wanted = {n: m for n, m in measured.items() if not given.only or any(n.startswith(w) for w in given.only)}
+        publish(report(_WORDS, wanted, note=_SMALL if given.quick else ""), given.out)
+
+
+if __name__ == "__main__":
+    main()
