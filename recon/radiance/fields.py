@@ -18,6 +18,7 @@ Field = Callable[[torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]
 ENCODINGS = ("hash", "positional")
 _DENSEST = 8.0  # log of the largest density times the box's side
 _START = 2.0  # log of the density, likewise, that an untrained field has
+_LEAK = 0.1  # of offset networks: while frames hardly move, all of a layer's plain units can die, and stay so
 _HALF = 0.625  # half the box in the units that offset networks see
 
 
@@ -106,7 +107,7 @@ class Offset(torch.nn.Module):
         super().__init__()
         self.box = box
         self.register_buffer("frequency", math.pi * 2.0 ** torch.arange(bands), persistent=False)
-        self.network = perceptron(3 + 6 * bands + latent, width, depth, 3, seed=seed)
+        self.network = perceptron(3 + 6 * bands + latent, width, depth, 3, seed=seed, leak=_LEAK)
         torch.nn.init.zeros_(self.network[-1].weight)
         torch.nn.init.zeros_(self.network[-1].bias)
 
@@ -153,11 +154,14 @@ class Dynamic(torch.nn.Module):
         return torch.nn.functional.embedding(frame, self.latents)  # whose gradient is summed in the same order always
 
 
-def perceptron(inputs: int, width: int, depth: int, outputs: int, *, seed: int) -> torch.nn.Sequential:
-    """A multilayer perceptron with `depth` hidden layers and ReLU; the same weights for the same seed."""
+def perceptron(
+    inputs: int, width: int, depth: int, outputs: int, *, seed: int, leak: float = 0.0
+) -> torch.nn.Sequential:
+    """A multilayer perceptron with `depth` hidden layers and ReLU, leaking so much below zero; the same weights for the
+    same seed."""
     layers: list[torch.nn.Module] = []
     for _ in range(depth):
-        layers += [torch.nn.Linear(inputs, width), torch.nn.ReLU(inplace=True)]
+        layers += [torch.nn.Linear(inputs, width), torch.nn.LeakyReLU(leak, inplace=True)]
         inputs = width
     layers.append(torch.nn.Linear(inputs, outputs))
     generator = torch.Generator().manual_seed(seed)
