@@ -178,7 +178,7 @@ def object_rows(shape: str, found: dict, out: Path) -> list[Row]:
     """A line of our Tables 1 and 2 from what `veo run` found."""
     material, pictures = found["material"], found["table_2"]
     learned, even, still = (material[f"error_mm{of}"]["held_out"] for of in ("", "_homogeneous", "_no_change"))
-    size = np.linalg.norm(np.ptp(read_plush(out / "reconstruction").points[0], axis=0))
+    size = np.linalg.norm(np.ptp(read_plush(out / "reconstruction").points(0), axis=0))
     shown, simulated = (pictures[name]["masked"]["psnr"] for name in ("reconstructed", "simulated"))
     mean, high, most = (learned[k] for k in ("mean", "p95", "max"))
     return [

@@ -14,6 +14,8 @@ from recon.oak.eeprom import recorded_cameras
 from recon.oak.rig import record_rig
 from recon.plush.calibration import write_calibration
 from recon.plush.capture import read_capture
+from recon.plush.capture_writer import write_markers
+from recon.plush.markers import read_markers
 from recon.video import VideoFile
 
 COUNT = 20
@@ -101,7 +103,13 @@ def test_finishing_again_gives_the_same_and_may_leave_a_camera_out(tmp_path):
     np.testing.assert_array_equal(first.groups.index, second.groups.index)
     assert {name: numbers(folder, name) for name in NAMES} == kept
     assert not list((folder / "recording").glob(".*"))  # nothing but what was recorded stays there
-    finished(folder, without=["cam0001"])
+    poses = [np.eye(4) if i % 2 else None for i in range(len(first.groups.index))]
+    write_markers(folder / "capture/aruco_path.json", poses)
+    finished(folder)  # a track of the same groups stays, one of others would be wrong
+    assert sum(pose is not None for pose in read_markers(folder / "capture/aruco_path.json")) == len(poses) // 2
+    said = finished(folder, without=["cam0001"]).sentences
+    assert "aruco_path.json belonged to other groups and was emptied: veo track." in said
+    assert not any(pose is not None for pose in read_markers(folder / "capture/aruco_path.json"))
     left = sorted(p.name for p in (folder / "capture").glob("*.mp4"))
     assert left == ["cam0002.aligned.mp4", "cam0002.left.aligned.mp4"]
 

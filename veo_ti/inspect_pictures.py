@@ -97,7 +97,8 @@ def nozzle_plot(times: np.ndarray, nozzle: NozzlePath, path: str | Path) -> Path
     gaps = int((~nozzle.seen).sum())
     _dress(place, f"Where the nozzle is [mm]; not seen in {gaps} of {len(times)} frames (shaded)", "")
     _dress(turn, "Where it blows, unit vector", "time [s]")
-    place.legend(loc="upper right", ncols=3, frameon=False, fontsize=8, labelcolor=INK)
+    figure.legend(*place.get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False, fontsize=8,
+                  labelcolor=INK)  # fmt: skip
     return saved(figure, path)
 
 

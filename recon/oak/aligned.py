@@ -1,6 +1,7 @@
 """A finished recording in the PLUSH layout: only the pictures that every camera took together."""
 
 import csv
+import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,11 +17,14 @@ from recon.oak.recording import PLACE, RecordedStream, read_stream
 from recon.oak.remux import contained, decodable
 from recon.oak.spec import DeviceSpec, RigSpec, StreamSpec, load_rig
 from recon.plush.calibration import camera_of, read_calibration
+from recon.plush.capture import MARKERS
 from recon.plush.capture_writer import write_capture
+from recon.plush.markers import read_markers
 from recon.video import VideoFile
 from sim.checks import require
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
+GROUPS = "groups.csv"
 FEW = 0.9  # of the moments that could be groups: below it the report says what would give more
 EARLY = 1.0  # [s], by which a camera that was lost ended before the others
 UNCALIBRATED = (
@@ -52,7 +56,8 @@ def finish_recording(
     cameras: one for each stream, of its upright pictures; rig_calibrated: whether their places to one another are
     known. without: names of devices or streams to leave out. on_camera gets the name of each stream as its turn comes.
     The recorded packets stay as they are; `recording/groups.csv` keeps the time of every group and each stream's
-    picture in it, `recording/groups.json` the counts and the clocks.
+    picture in it, `recording/groups.json` the counts and the clocks. A track of the nozzle stays when the
+    groups are the same as before.
     Raises ValueError when a stream was not recorded or has no camera, when times go backwards, or no group is
     complete; OSError, in one sentence, where the layout cannot be written, as on a full disk.
     """
@@ -71,13 +76,15 @@ def finish_recording(
     }
     run = clocks(times, groups)
     with _recording_kept(folder):
-        unseen = [None] * len(groups.index)  # the nozzle's marker is looked for later
-        write_capture(folder, known, spec.fps, lambda n: kept[n].pictures(on_camera), unseen)
+        table = _groups_table(streams, groups)
+        track, gone = _track(folder, table, len(groups.index))
+        write_capture(folder, known, spec.fps, lambda n: kept[n].pictures(on_camera), track)
         for stale in {name for device in spec.devices for name, _ in device.named()} - set(kept):
             (folder / "capture" / f"{stale}.aligned.mp4").unlink(missing_ok=True)
-        _write_groups(folder / PLACE, streams, groups)
+        with replacing(folder / PLACE / GROUPS) as partial:
+            partial.write_text(table, encoding="ascii")
         write_json(folder / PLACE / "groups.json", _facts(groups, run, streams, rig_calibrated))
-    sentences = (_count(groups), _damage(streams), advice, "" if rig_calibrated else UNCALIBRATED)
+    sentences = (_count(groups), _damage(streams), advice, gone, "" if rig_calibrated else UNCALIBRATED)
     return Finished(folder=folder, groups=groups, clocks=run, sentences=tuple(s for s in sentences if s))
 
 
@@ -172,15 +179,25 @@ def _damage(streams: Sequence[RecordedStream]) -> str:
     return f"Pictures that cannot be decoded were left out: {', '.join(hurt)}." if hurt else ""
 
 
-def _write_groups(folder: Path, streams: Sequence[RecordedStream], groups: Groups) -> None:
+def _track(folder: Path, table: str, frames: int) -> tuple[Sequence[np.ndarray | None], str]:
+    """The nozzle's poses of frames that are grouped as before, else none; a sentence where some are lost by that."""
+    path, before = folder / "capture" / MARKERS, folder / PLACE / GROUPS
+    known = read_markers(path) if path.exists() else ()
+    if len(known) == frames and before.exists() and before.read_text(encoding="ascii") == table:
+        return known, ""
+    lost = any(pose is not None for pose in known)
+    return [None] * frames, f"{MARKERS} belonged to other groups and was emptied: veo track." if lost else ""
+
+
+def _groups_table(streams: Sequence[RecordedStream], groups: Groups) -> str:
     """One line a group: its time from the first group on [s], then each stream's picture and how late it is [ms]."""
-    head = ["time_s", *(column for s in streams for column in (f"{s.name}_picture", f"{s.name}_late_ms"))]
-    with replacing(folder / "groups.csv") as partial, partial.open("w", newline="", encoding="ascii") as file:
-        writer = csv.writer(file)
-        writer.writerow(head)
-        for time, row in zip(groups.time, groups.index, strict=True):
-            cells = [(s.number[i], f"{1e3 * (s.time[i] - time):.3f}") for s, i in zip(streams, row, strict=True)]
-            writer.writerow([f"{time - groups.time[0]:.6f}", *(cell for pair in cells for cell in pair)])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time_s", *(column for s in streams for column in (f"{s.name}_picture", f"{s.name}_late_ms"))])
+    for time, row in zip(groups.time, groups.index, strict=True):
+        cells = [(s.number[i], f"{1e3 * (s.time[i] - time):.3f}") for s, i in zip(streams, row, strict=True)]
+        writer.writerow([f"{time - groups.time[0]:.6f}", *(cell for pair in cells for cell in pair)])
+    return text.getvalue()
 
 
 def _facts(groups: Groups, run: Clocks, streams: Sequence[RecordedStream], rig_calibrated: bool) -> dict[str, object]:
