@@ -57,13 +57,13 @@ class Plan:
 
 
 FULL = Plan(
-    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=700,
+    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=1000,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
-    short=TrainOptions(canonical_steps=600, motion_steps=2000),
-    long=TrainOptions(canonical_steps=1200, motion_steps=5500),
-    points=12_000, loop=RigOptions(frames=24, size=240, greys=False), shapes=SHAPES,
-    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=600, motion_steps=2000),
-                             extract=ExtractOptions(points=4000)),
+    short=TrainOptions(canonical_steps=500, motion_steps=1400),
+    long=TrainOptions(canonical_steps=1000, motion_steps=3800),
+    points=12_000, loop=RigOptions(frames=16, size=240, greys=False), shapes=SHAPES,
+    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=500, motion_steps=1400),
+                             extract=ExtractOptions(points=2500)),
     modes=40, every=4,
 )  # fmt: skip
 _FEW = TrainOptions(canonical_steps=250, motion_steps=100, samples=4096)

@@ -75,8 +75,11 @@ def moved_field(canonical: Callable, warp: CloudWarp, cut: float) -> Field:
 
     def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         rest, nearest = warp(places)
-        density, colour = canonical(rest)
-        return density * (nearest < cut), colour
+        near = torch.nonzero(nearest < cut)[:, 0]
+        density, colour = torch.zeros(len(places)), torch.zeros(len(places), 3)
+        if len(near):
+            density[near], colour[near] = canonical(rest[near])
+        return density, colour
 
     return field
 
