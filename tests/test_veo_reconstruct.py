@@ -62,6 +62,13 @@ def test_a_recording_becomes_a_page_with_both_tables_of_the_paper(out):
     assert all(found["novel"][name]["largest_displacement_mm"] > 1 for name in ("push", "ball"))
 
 
+def test_training_shows_a_held_out_camera_on_its_way(out):
+    """Rendered and filmed side by side; the rendered half is not empty."""
+    picture = read_image(out / "reconstruction/training/000240.png")
+    rendered, filmed = np.split(picture.astype(float), 2, axis=1)
+    assert np.abs(rendered - filmed).mean() < 0.5 * filmed.mean()
+
+
 def test_the_cloud_is_a_plush_folder_and_a_sequence(out, recording):
     """Read by the dataset's own reader and as .vtkhdf; near the true body, as far as so few steps allow."""
     folder = read_plush(out / "reconstruction")

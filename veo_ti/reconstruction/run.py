@@ -10,11 +10,14 @@ from recon.capture import Capture
 from recon.exchange.nerfstudio import FILE as TRANSFORMS
 from recon.exchange.nerfstudio import read_transforms
 from recon.files import replacing
+from recon.images import shown, write_image
 from recon.plush.capture import CALIBRATION, MARKERS, read_capture
 from recon.plush.reconstruction_writer import write_reconstruction
 from recon.quality.lpips import Lpips
-from recon.quality.similarity import QualityRow, quality_row
+from recon.quality.similarity import QualityRow, psnr, quality_row
 from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
+from recon.radiance.fields import Field
+from recon.radiance.marching import Occupancy
 from recon.radiance.rendering import render
 from recon.radiance.storage import load_trained, save_trained
 from recon.radiance.training import Trained, TrainOptions, fingerprint, train
@@ -58,7 +61,7 @@ def reconstruct_folder(
     size = ViewOptions(resolution=choice.resolution)
     views = training_views(capture, out / "views", replace(size, streams=streams), say)
     judges = judging_views(capture, out, choice, say)
-    trained = _trained(views, choice, out, say)
+    trained = _trained(views, judges, choice, out, say)
     say("judging")
     row, pairs = _judged(trained, judges)
     say("points")
@@ -105,12 +108,26 @@ def capture_of(folder: Path, choice: ReconstructChoice) -> Capture:
     return replace(capture, cameras=tuple(replace(c, role=roles.get(c.name, c.role)) for c in with_mattes))
 
 
-def _trained(views: Views, choice: ReconstructChoice, out: Path, say: Callable[[str], None]) -> Trained:
-    """The field that is there, when it was made from the same choice and pictures, else a new one."""
+def _trained(
+    views: Views, judges: Views, choice: ReconstructChoice, out: Path, say: Callable[[str], None]
+) -> Trained:
+    """The field that is there, when it was made from the same choice and pictures, else a new one.
+
+    A held-out camera is shown every so often, in training/NUMBER.png: rendered, filmed.
+    """
     found = load_trained(out / FIELD) if (out / FIELD).exists() else None
     if found is not None and found.made_from == fingerprint(views, choice.train):
         return found
-    trained = train(views, out / "training", choice.train, say=say)
+
+    def watch(step: int, model: Field, occupancy: Occupancy) -> None:
+        frame = 0 if step <= choice.train.canonical_steps else len(judges.times) // 2
+        picture, filmed = render(model, occupancy, judges.cameras[0], frame=frame).colour, judges.images[0][frame] / 255
+        write_image(out / "training" / f"{step:06d}.png", shown(np.concatenate([picture, filmed], axis=1)))
+        seen = judges.mattes[0][frame] > 127
+        told = f", {psnr(picture, filmed, seen):.1f} dB on the object in {judges.cameras[0].name}" if seen.any() else ""
+        say(f"step {step}{told}")
+
+    trained = train(views, out / "training", choice.train, say=say, watch=watch)
     save_trained(out / FIELD, trained, choice.train.field)
     return trained
 
@@ -118,15 +135,15 @@ def _trained(views: Views, choice: ReconstructChoice, out: Path, say: Callable[[
 def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str, int, np.ndarray, np.ndarray]]]:
     """Quality on cameras that taught nothing, in a few frames; and the pairs of pictures it was measured on."""
     frames = np.unique(np.linspace(0, len(judges.times) - 1, _JUDGED).astype(int)).tolist()
-    shown, filmed, mattes, pairs = [], [], [], []
+    renders, filmed, mattes, pairs = [], [], [], []
     for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
         for frame in frames:
             matte = np.asarray(masks[frame]) / 255
             picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
             target = images[frame] / 255
-            shown, filmed, mattes = [*shown, picture], [*filmed, target], [*mattes, matte]
+            renders, filmed, mattes = [*renders, picture], [*filmed, target], [*mattes, matte]
             pairs.append((camera.name, frame, picture, target))
-    return quality_row(shown, filmed, mattes, lpips_or_none()), pairs
+    return quality_row(renders, filmed, mattes, lpips_or_none()), pairs
 
 
 def lpips_or_none() -> Lpips | None:
