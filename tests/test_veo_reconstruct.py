@@ -20,6 +20,7 @@ from recon.rig.truth import lend_mattes, read_truth
 from recon.video import VideoFile
 from veo_ti import cli_reconstruct
 from veo_ti.observation import Observation
+from veo_ti.reconstruction.driven import driven_frames
 from veo_ti.reconstruction.loop import run_recording
 from veo_ti.reconstruction.orbit import render_reconstruction
 from veo_ti.reconstruction.run import ReconstructChoice, fixed_points, reconstruct_folder
@@ -109,6 +110,18 @@ def test_a_reconstruction_is_seen_from_a_camera_and_from_all_sides(out, recordin
         render_reconstruction(folder, tmp_path, orbit=2, frame=9)
     with pytest.raises(ValueError, match="veo render must be given --view or --orbit"):
         render_reconstruction(folder, tmp_path)
+
+
+def test_frames_that_something_else_moves_teach_no_material():
+    """Frame 2 moves without a load; frame 3 rests without one; frame 1 moves under its load."""
+    rest = np.random.default_rng(0).random((300, 3)) * 0.1
+    bend = 0.01 * np.stack([rest[:, 1] / 0.1, *np.zeros((2, 300))], axis=1)
+    points = np.stack([rest, rest + bend, rest + bend, rest + 1e-4])
+    forces = np.zeros_like(points)
+    forces[1, :20, 0] = 0.1
+    seen = Observation(points=points, forces=forces, time=np.arange(4.0), fixed=rest[:, 1] < 0.01)
+    assert driven_frames(seen).tolist() == [0, 1, 3]
+    assert driven_frames(replace(seen, forces=0 * forces)).tolist() == [0, 1, 2, 3]
 
 
 def test_fixed_points_are_low_and_still():

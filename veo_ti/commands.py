@@ -32,7 +32,7 @@ def identify_source(
     source: str, out: Path, *, modes: int, every: int, paper: bool, diagnosed: bool = False
 ) -> dict[str, object]:
     """`veo identify`, and with diagnosed `veo run`: metrics of the written folder, then with the diagnosis in them."""
-    result = identified(source, out, modes, every, paper)
+    result = identified(Observation.load(source), out, modes, every, paper)
     row = _paper_row(Path(source))
     metrics = write_identification(result, result.observation, out, paper=row, last=not diagnosed)
     console.print(sentence(metrics))
@@ -41,17 +41,16 @@ def identify_source(
 
 def diagnose_source(source: str, out: Path, *, modes: int, every: int) -> dict[str, object]:
     """`veo diagnose`: the facts of the written folder."""
-    return _diagnosed(identified(source, out, modes, every, paper=False), out)
+    return _diagnosed(identified(Observation.load(source), out, modes, every, paper=False), out)
 
 
-def identified(source: str, out: Path, modes: int, every: int, paper: bool) -> Identification:
+def identified(observation: Observation, out: Path, modes: int, every: int, paper: bool) -> Identification:
     """The identified object; its checkpoints stay in `out`."""
     writable_folder(out)
-    observation = Observation.load(source)
     cloud = CloudOptions(mode="paper" if paper else "consistent")
     options = IdentifyOptions(fit=FitOptions(modes=modes), cloud=cloud, every=every)
     frames, points = observation.points.shape[:2]
-    console.print(f"{observation.name or source}: {points} points, {frames} frames")
+    console.print(f"{observation.name or 'the measurement'}: {points} points, {frames} frames")
     with _progress(options.fit.iterations) as advance:
         return identify(observation, options=options, checkpoints=out, progress=advance)
 
