@@ -61,8 +61,8 @@ FULL = Plan(
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),
     long=TrainOptions(canonical_steps=1000, motion_steps=3800),
-    points=12_000, loop=RigOptions(frames=16, size=240, greys=False), shapes=SHAPES,
-    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=500, motion_steps=1400),
+    points=12_000, loop=RigOptions(frames=48, size=240, greys=False), shapes=SHAPES,
+    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=600, motion_steps=4000),
                              extract=ExtractOptions(points=2500)),
     modes=40, every=4,
 )  # fmt: skip

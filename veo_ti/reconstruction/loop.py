@@ -1,10 +1,11 @@
 """The whole way: a recording with mattes becomes an object, judged, pushed and seen under forces nobody filmed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from recon.images import shown, write_image
 from recon.quality.similarity import QualityRow
@@ -19,6 +20,7 @@ from veo_ti.reconstruction.driven import driven_frames
 from veo_ti.reconstruction.novel import film_novel
 from veo_ti.reconstruction.rerender import Rerenderer, table_two
 from veo_ti.reconstruction.run import (
+    CLOUD,
     FIELD,
     ReconstructChoice,
     capture_of,
@@ -28,7 +30,7 @@ from veo_ti.reconstruction.run import (
 )
 from veo_ti.report import Section, Table, write_report
 from veo_ti.results import sentence, write_identification
-from veo_ti.store import writable_folder, write_json_atomic
+from veo_ti.store import read_sequence, writable_folder, write_json_atomic
 
 _MEASURES = ("PSNR", "SSIM", "LPIPS")
 _MOST = 6  # held-out frames that are rendered for Table 2
@@ -44,9 +46,9 @@ def run_recording(folder: Path, out: Path, choice: ReconstructChoice, *, modes: 
     with waiting("reconstruct") as say:
         facts = reconstruct_folder(folder, cloud, choice, say)
     console.print(facts["sentence"])
-    observation = Observation.load(str(cloud))
+    observation = _observed(cloud)
     driven = driven_frames(observation)
-    left = sorted(set(range(len(observation.time))) - set(driven.tolist()))
+    left = _numbers(np.delete(observation.time, driven))
     if left:
         console.print(_left_out(left))
     result = identified(observation.frames(driven), material, modes, every, paper=False)
@@ -71,13 +73,20 @@ def run_recording(folder: Path, out: Path, choice: ReconstructChoice, *, modes: 
     return found
 
 
+def _observed(cloud: Path) -> Observation:
+    """The 4D cloud as a measurement, perhaps thinned; which points are surface, the PLUSH layout does not hold."""
+    observation, stored = Observation.load(str(cloud)), read_sequence(cloud / CLOUD)
+    same = cKDTree(stored.points[0]).query(observation.points[0])[1]
+    return replace(observation, surface=stored.static["surface"].astype(bool)[same])
+
+
 def _tables(
     renderer: Rerenderer, judges: Views, result: Identification
 ) -> tuple[dict[str, QualityRow], np.ndarray]:  # fmt: skip
     """Both halves of Table 2 on held-out frames and cameras, and pictures: filmed, reconstructed, simulated."""
     held = result.held_out if len(result.held_out) else result.train[1:]
     held = held[np.unique(np.linspace(0, len(held) - 1, _MOST).astype(int))]
-    frames = np.round(result.observation.time[held] * PLUSH_FRAME_RATE).astype(int).tolist()
+    frames = _numbers(result.observation.time[held])
     measure = lpips_or_none()
     rows, views = {}, []
     for name, states in (("reconstructed", result.observation.points[held]), ("simulated", result.model.y[held])):
@@ -85,6 +94,11 @@ def _tables(
         views.append(pictures[0])
     row = np.concatenate([judges.images[0][frames[0]] / 255, *views], axis=1)
     return rows, shown(row)
+
+
+def _numbers(times: np.ndarray) -> list[int]:
+    """Of the recording's frames."""
+    return np.round(times * PLUSH_FRAME_RATE).astype(int).tolist()
 
 
 def _left_out(frames: Sequence[int]) -> str:
