@@ -177,7 +177,8 @@ def extracted(filmed: Filmed, work: Work, points: int) -> Cloud4D:
 def object_rows(shape: str, found: dict, out: Path) -> list[Row]:
     """A line of our Tables 1 and 2 from what `veo run` found."""
     material, pictures = found["material"], found["table_2"]
-    learned, even, still = (material[f"error_mm{of}"]["held_out"] for of in ("", "_homogeneous", "_no_change"))
+    every = [material[f"error_mm{of}"] for of in ("", "_homogeneous", "_no_change")]
+    learned, even, still = (error["held_out"] or error["training"] for error in every)
     size = np.linalg.norm(np.ptp(read_plush(out / "reconstruction").points(0), axis=0))
     shown, simulated = (pictures[name]["masked"]["psnr"] for name in ("reconstructed", "simulated"))
     mean, high, most = (learned[k] for k in ("mean", "p95", "max"))

@@ -19,7 +19,6 @@
 # minute on a laptop: `veo rig`, `veo matte` and `veo reconstruct` do the same at full size.
 
 # %%
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -30,7 +29,7 @@ from recon.radiance.extraction import ExtractOptions
 from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
-from recon.rig.truth import read_truth
+from recon.rig.truth import lend_mattes, read_truth
 from veo_ti.reconstruction.run import ReconstructChoice, reconstruct_folder
 from veo_ti.store import read_sequence
 
@@ -44,8 +43,7 @@ from veo_ti.store import read_sequence
 place = Path(tempfile.mkdtemp())
 recording = place / "bunny"
 make_rig(recording, RigOptions(cameras=9, frames=4, size=112, greys=False), lambda text: None)
-for mattes in (recording / "truth/mattes").iterdir():
-    shutil.copytree(mattes, recording / "capture/mattes" / mattes.name)
+lend_mattes(recording)
 
 # %% [markdown]
 # ## Field and motion

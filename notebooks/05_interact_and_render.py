@@ -19,7 +19,6 @@
 # `veo run RECORDING --out DIR` does all of this, learns the material from the filmed motion, and writes one page.
 
 # %%
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -32,6 +31,7 @@ from recon.radiance.storage import load_trained
 from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
+from recon.rig.truth import lend_mattes
 from veo_ti import Contact, Lame, Sphere, VirtualElasticObject, contact_alpha
 from veo_ti.reconstruction.collider import collider_picture
 from veo_ti.reconstruction.rerender import Rerenderer
@@ -47,8 +47,7 @@ from veo_ti.store import read_sequence
 place = Path(tempfile.mkdtemp())
 recording = place / "bunny"
 make_rig(recording, RigOptions(cameras=10, frames=2, size=128, greys=False), lambda text: None)
-for mattes in (recording / "truth/mattes").iterdir():
-    shutil.copytree(mattes, recording / "capture/mattes" / mattes.name)
+lend_mattes(recording)
 choice = ReconstructChoice(
     resolution=96,
     test=("cam0003",),

@@ -52,6 +52,18 @@ class Views:
     mattes: tuple[np.ndarray, ...]
     inside: tuple[np.ndarray, ...]
 
+    @property
+    def identity(self) -> str:
+        """Changes when a camera, a picture or a matte does; reads them all."""
+        digest = hashlib.sha256(repr(self.times.tolist()).encode())
+        for camera, images in zip(self.cameras, self.images, strict=True):
+            stands = camera.K.tolist(), camera.T_camera_world.tolist()
+            digest.update(repr((camera.name, camera.stream, stands, images.shape)).encode())
+        for stack in (*self.images, *self.mattes):
+            for picture in stack:
+                digest.update(np.ascontiguousarray(picture))
+        return digest.hexdigest()
+
 
 def training_views(
     capture: Capture,

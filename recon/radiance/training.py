@@ -242,11 +242,4 @@ def _diverged(run: Run, loss: float) -> bool:
 
 def fingerprint(views: Views, options: TrainOptions) -> str:
     """Changes when what was filmed, or how it is trained on, does."""
-    digest = hashlib.sha256(repr((options, views.times.tolist())).encode())
-    for camera, images, mattes in zip(views.cameras, views.images, views.mattes, strict=True):
-        stands = camera.K.tolist(), camera.T_camera_world.tolist()
-        digest.update(repr((camera.name, camera.stream, stands, images.shape)).encode())
-        for frame in range(len(views.times)):
-            digest.update(np.ascontiguousarray(images[frame]))
-            digest.update(np.ascontiguousarray(mattes[frame]))
-    return digest.hexdigest()
+    return hashlib.sha256(repr((options, views.identity)).encode()).hexdigest()
