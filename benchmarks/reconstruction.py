@@ -1,7 +1,6 @@
 """`python -m benchmarks.reconstruction`: reconstruct rig recordings, and measure it against the truth beside them."""
 
 import argparse
-import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,13 +12,12 @@ from benchmarks.reconstruction_rows import (
     bent_rows,
     cloud_rows,
     correspondence_row,
-    extracted,
     object_rows,
     picture_row,
     timed,
 )
 from benchmarks.table import Row, publish, report
-from recon.radiance.extraction import ExtractOptions
+from recon.radiance.extraction import ExtractOptions, extract
 from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.motion import SHAPES
@@ -89,16 +87,14 @@ def sections(place: Path, plan: Plan) -> dict[str, Callable[[], list[Row]]]:
 def static_rows(place: Path, plan: Plan) -> list[Row]:
     """One frame at twice the resolution."""
     filmed = Filmed.of(_recorded(place / "static", plan.static), plan.static_resolution, plan.test).only_first_frame()
-    with tempfile.TemporaryDirectory() as folder:
-        work = timed(filmed, replace(plan.long, canonical_steps=plan.static_steps, motion_steps=0), Path(folder))
+    work = timed(filmed, replace(plan.long, canonical_steps=plan.static_steps, motion_steps=0))
     return [picture_row(filmed, work, f"One frame, {plan.static_resolution} pixels", least=33, most=30)]
 
 
 def short_rows(place: Path, plan: Plan) -> list[Row]:
     """All frames, two minutes."""
     filmed, what = _moving(place, plan)
-    with tempfile.TemporaryDirectory() as folder:
-        work = timed(filmed, plan.short, Path(folder))
+    work = timed(filmed, plan.short)
     what = f"{what}, short training"
     shown = picture_row(filmed, work, what, least=28, most=120)
     return [shown, correspondence_row(filmed, work, what, mean=1, median=0.3)]
@@ -107,10 +103,9 @@ def short_rows(place: Path, plan: Plan) -> list[Row]:
 def long_rows(place: Path, plan: Plan) -> list[Row]:
     """All frames, five minutes; the cloud of that training, and pictures bent by it."""
     filmed, what = _moving(place, plan)
-    with tempfile.TemporaryDirectory() as folder:
-        work = timed(filmed, plan.long, Path(folder))
+    work = timed(filmed, plan.long)
     long = f"{what}, long training"
-    cloud = extracted(filmed, work, plan.points)
+    cloud = extract(work.trained, filmed.views, ExtractOptions(points=plan.points))
     return [
         picture_row(filmed, work, long, least=31, most=300),
         correspondence_row(filmed, work, long, mean=0.5, median=None),
@@ -150,7 +145,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="keep the recordings here, and go on with those that are there")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the markdown here too")
     given = parser.parse_args()
-    os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
     with tempfile.TemporaryDirectory() as place:
         measured = sections(given.folder or Path(place), QUICK if given.quick else FULL)
         wanted = {n: m for n, m in measured.items() if not given.only or any(n.startswith(w) for w in given.only)}

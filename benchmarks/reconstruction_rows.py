@@ -1,5 +1,6 @@
 """What a reconstruction of a rig recording shows of cameras that taught nothing, and how far its points are off."""
 
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,16 +12,14 @@ import torch
 from benchmarks.table import Row
 from recon.plush.reconstruction import read_plush
 from recon.quality.similarity import psnr
-from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
+from recon.radiance.extraction import Cloud4D
 from recon.radiance.rendering import render
 from recon.radiance.training import Trained, TrainOptions, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
 from sim.terms.shapes import Mesh
 from veo_ti.reconstruction.rerender import Rerenderer
-from veo_ti.reconstruction.run import ReconstructChoice, capture_of
-
-FRAMES = 6  # of all, that held-out pictures are taken from
+from veo_ti.reconstruction.run import ReconstructChoice, capture_of, judged_frames, judging_views
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,12 +48,9 @@ class Filmed:
     def of(cls, folder: Path, resolution: int, test: tuple[str, ...]) -> "Filmed":
         """Decoded into the folder beside the recording."""
         choice = ReconstructChoice(resolution=resolution, test=test)
-        capture, place = capture_of(folder, choice), folder.with_name(f"{folder.name}-views-{resolution}")
-        teach, judge = (
-            training_views(capture, place, ViewOptions(resolution=resolution, roles=(role,)))
-            for role in ("train", "test")
-        )
-        return cls(views=teach, judges=judge, truth=read_truth(folder))
+        capture, place = capture_of(folder, choice), folder.with_name(f"{folder.name}-{resolution}")
+        views = training_views(capture, place / "views", ViewOptions(resolution=resolution))
+        return cls(views=views, judges=judging_views(capture, place, choice), truth=read_truth(folder))
 
     def only_first_frame(self) -> "Filmed":
         """As if one picture a camera had been taken."""
@@ -66,26 +62,19 @@ def _first(views: Views) -> Views:
                    mattes=tuple(m[:1] for m in views.mattes))  # fmt: skip
 
 
-def timed(filmed: Filmed, options: TrainOptions, folder: Path) -> Work:
+def timed(filmed: Filmed, options: TrainOptions) -> Work:
     """Train anew."""
-    train(filmed.views, folder / "warm", replace(options, canonical_steps=2, motion_steps=2))
-    wall, cpu = time.perf_counter(), time.process_time()
-    trained = train(filmed.views, folder / "timed", options)
-    return Work(trained=trained, wall=time.perf_counter() - wall, cpu=time.process_time() - cpu)
+    with tempfile.TemporaryDirectory() as folder:
+        train(filmed.views, Path(folder) / "warm", replace(options, canonical_steps=2, motion_steps=2))
+        wall, cpu = time.perf_counter(), time.process_time()
+        trained = train(filmed.views, Path(folder) / "timed", options)
+        return Work(trained=trained, wall=time.perf_counter() - wall, cpu=time.process_time() - cpu)
 
 
 def judged(filmed: Filmed, picture: Callable[[object, int], np.ndarray]) -> float:
     """Mean PSNR [dB] on the object's pixels of held-out cameras of what picture(camera, frame) (h, w, 3) shows."""
-    judges, out = filmed.judges, []
-    for camera, images, mattes in zip(judges.cameras, judges.images, judges.mattes, strict=True):
-        for frame in shown_frames(len(judges.times)):
-            out.append(psnr(picture(camera, frame), images[frame] / 255, mattes[frame] > 127))
-    return float(np.mean(out))
-
-
-def shown_frames(count: int) -> list[int]:
-    """Frames that are looked at."""
-    return np.unique(np.linspace(0, count - 1, FRAMES).astype(int)).tolist()
+    looks = filmed.judges.looks(judged_frames(len(filmed.judges.times)))
+    return float(np.mean([psnr(picture(camera, frame), seen, matte > 0.5) for camera, frame, seen, matte in looks]))
 
 
 def picture_row(filmed: Filmed, work: Work, what: str, *, least: float, most: float) -> Row:
@@ -155,7 +144,7 @@ def bent_rows(filmed: Filmed, trained: Trained, cloud: Cloud4D, what: str) -> li
     )
     camera = filmed.judges.cameras[0]
     seconds = []
-    for frame in shown_frames(len(cloud.points)):
+    for frame in judged_frames(len(cloud.points)):
         begin = time.perf_counter()
         renderer.picture(cloud.points[frame], camera)
         seconds.append(time.perf_counter() - begin)
@@ -167,11 +156,6 @@ def bent_rows(filmed: Filmed, trained: Trained, cloud: Cloud4D, what: str) -> li
             figure=f"{found:.1f} and {ceiling:.1f} dB", target="at most 2.5 dB apart",
             reached=found >= ceiling - 2.5),
     ]  # fmt: skip
-
-
-def extracted(filmed: Filmed, work: Work, points: int) -> Cloud4D:
-    """The 4D cloud of a training."""
-    return extract(work.trained, filmed.views, ExtractOptions(points=points))
 
 
 def object_rows(shape: str, found: dict, out: Path) -> list[Row]:

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -51,6 +51,12 @@ class Views:
     images: tuple[np.ndarray, ...]
     mattes: tuple[np.ndarray, ...]
     inside: tuple[np.ndarray, ...]
+
+    def looks(self, frames: Iterable[int]) -> Iterator[tuple[Camera, int, np.ndarray, np.ndarray]]:
+        """Each camera's pictures of some frames, (h, w[, 3]), with their mattes (h, w), both 0 to 1."""
+        for camera, images, mattes in zip(self.cameras, self.images, self.mattes, strict=True):
+            for frame in frames:
+                yield camera, frame, images[frame] / 255, mattes[frame] / 255
 
     @property
     def identity(self) -> str:

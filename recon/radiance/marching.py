@@ -90,10 +90,17 @@ def _span(o: triple, d: triple, low: triple, high: triple):
 
 
 @ti.func
-def _occupied(cells: ti.template(), frame, place: triple, low: triple, spacing: ti.f32):
+def cell_of(cells: ti.template(), place: triple, low: triple, spacing: ti.f32):
+    """The cell of the grid that holds a place, or is nearest to it."""
     at = ti.cast((place - low) / spacing, ti.i32)
     for a in ti.static(range(3)):
         at[a] = ti.min(ti.max(at[a], 0), cells.shape[a + 1] - 1)
+    return at
+
+
+@ti.func
+def _occupied(cells: ti.template(), frame, place: triple, low: triple, spacing: ti.f32):
+    at = cell_of(cells, place, low, spacing)
     return cells[frame, at[0], at[1], at[2]] != 0
 
 

@@ -7,7 +7,7 @@ import taichi as ti
 import torch
 
 from recon.radiance.fields import Field
-from recon.radiance.marching import Numbers1, Occupancy, Reals1, Reals2, ray_in_box
+from recon.radiance.marching import Numbers1, Occupancy, Reals1, Reals2, cell_of, ray_in_box
 from sim.runtime import ensure
 
 _COARSER = 2  # cells of the occupancy along a side of one of these
@@ -31,13 +31,8 @@ class Stops:
     @classmethod
     def of(cls, occupancy: Occupancy) -> "Stops":
         """Nothing is opaque yet."""
-        sides = (*(-(-n // _COARSER) for n in occupancy.cells.shape[1:]),)
-        occupied = torch.zeros(len(occupancy.cells), *sides, dtype=torch.bool)
-        for x in range(_COARSER):
-            for y in range(_COARSER):
-                for z in range(_COARSER):
-                    some = occupancy.cells[:, x::_COARSER, y::_COARSER, z::_COARSER] > 0
-                    occupied[:, : some.shape[1], : some.shape[2], : some.shape[3]] |= some
+        cells = occupancy.cells.to(torch.float32)
+        occupied = torch.nn.functional.max_pool3d(cells, _COARSER, ceil_mode=True) > 0
         origin = occupancy.origin.to(torch.float32).contiguous()
         return cls(occupied=occupied, density=torch.zeros(occupied.shape), origin=origin,
                    spacing=_COARSER * occupancy.spacing)  # fmt: skip
@@ -71,9 +66,7 @@ def _thicken(
         o, d, low, near, far = ray_in_box(start, direction, until, density, origin, spacing, r)
         thickness, depth = ti.cast(0, ti.f32), near + step / 2
         while depth < far:
-            at = ti.cast((o + depth * d - low) / spacing, ti.i32)
-            for a in ti.static(range(3)):
-                at[a] = ti.min(ti.max(at[a], 0), density.shape[a + 1] - 1)
+            at = cell_of(density, o + depth * d, low, spacing)
             thickness += ti.cast(_TRUST, ti.f32) * step * density[frame[r], at[0], at[1], at[2]]
             if thickness > ti.cast(_LIMIT, ti.f32):
                 until[r] = depth + ti.cast(_BEYOND, ti.f32) * spacing

@@ -39,9 +39,9 @@ def table_two(
     The paper's Table 2 (tab:rerender) with simulated, and with reconstructed clouds, which are its upper bound.
     """
     shown, filmed, mattes = [], [], []
-    for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
-        for frame, moved in zip(frames, states, strict=True):
-            shown.append(renderer.picture(moved, camera).colour)
-            filmed.append(images[frame] / 255)
-            mattes.append(np.asarray(masks[frame]) / 255)
+    moved = dict(zip(frames, states, strict=True))
+    for camera, frame, picture, matte in judges.looks(frames):
+        shown.append(renderer.picture(moved[frame], camera).colour)
+        filmed.append(picture)
+        mattes.append(matte)
     return quality_row(shown, filmed, mattes, lpips), shown

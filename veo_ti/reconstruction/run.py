@@ -134,16 +134,18 @@ def _trained(
 
 def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str, int, np.ndarray, np.ndarray]]]:
     """Quality on cameras that taught nothing, in a few frames; and the pairs of pictures it was measured on."""
-    frames = np.unique(np.linspace(0, len(judges.times) - 1, _JUDGED).astype(int)).tolist()
-    renders, filmed, mattes, pairs = [], [], [], []
-    for camera, images, masks in zip(judges.cameras, judges.images, judges.mattes, strict=True):
-        for frame in frames:
-            matte = np.asarray(masks[frame]) / 255
-            picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
-            target = images[frame] / 255
-            renders, filmed, mattes = [*renders, picture], [*filmed, target], [*mattes, matte]
-            pairs.append((camera.name, frame, picture, target))
+    pairs, mattes = [], []
+    for camera, frame, target, matte in judges.looks(judged_frames(len(judges.times))):
+        picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
+        pairs.append((camera.name, frame, picture, target))
+        mattes.append(matte)
+    renders, filmed = ([pair[side] for pair in pairs] for side in (2, 3))
     return quality_row(renders, filmed, mattes, lpips_or_none()), pairs
+
+
+def judged_frames(count: int) -> list[int]:
+    """Which of so many frames the held-out cameras judge: a few, evenly."""
+    return np.unique(np.linspace(0, count - 1, _JUDGED).astype(int)).tolist()
 
 
 def lpips_or_none() -> Lpips | None:
