@@ -95,7 +95,8 @@ def correspondence_row(filmed: Filmed, work: Work, what: str, *, mean: float, me
     off, moved = [], []
     for frame in range(1, len(truth.points)):
         with torch.no_grad():
-            found = trained.field.warped(start, torch.full((len(start),), frame)).double().numpy()
+            canonical = trained.field.bent(start, torch.zeros(len(start), dtype=torch.long))
+            found = trained.field.warped(canonical, torch.full((len(start),), frame)).double().numpy()
         off.append(np.linalg.norm(found - truth.points[frame][truth.surface], axis=1))
         moved.append(np.linalg.norm(truth.points[frame][truth.surface] - truth.rest[truth.surface], axis=1))
     share, still = (100 * np.array(v) / diagonal(truth) for v in (off, moved))

@@ -9,11 +9,13 @@ from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
 from sim.checks import require
 from sim.energy import Energy
-from sim.evidence import Normal, best_hyperparameters, design_effect, posterior
+from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, posterior
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
+
+_PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,15 +99,15 @@ def fit(
     basis = Basis.of(energy.elastic.cloud, options, mu)
     solver = LinearSolver.of(energy, options.newton.linear)
     state = state or _first_state(energy, target, start, basis, solver, guess)
-    normal = None
+    frames = None
     while not state.done:
-        normal = normal_equations(energy, target, basis, state)
-        state = _step(energy, target, basis, solver, state, normal)
+        frames = normal_equations(energy, target, basis, state)
+        state = _step(energy, target, basis, solver, state, frames)
         if progress is not None:
             progress(state)
-    normal = normal or normal_equations(energy, target, basis, state)
+    frames = frames or normal_equations(energy, target, basis, state)
     factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    return _result(energy, target, basis, solver, state, normal.thinned(factor))
+    return _result(energy, target, basis, solver, state, Normal.sum(frames).thinned(factor))
 
 
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
@@ -148,21 +150,20 @@ def _objective(target: Target, basis: Basis, state: FitState, factor: float = 1.
     return float(data / factor + (state.a**2 / basis.prior(state.length, state.amplitude)).sum() / 2)
 
 
-def normal_equations(energy: Energy, target: Target, basis: Basis, state: FitState) -> Normal:
-    """The linearised data at a state: A = J^T J, b = J^T (r + J a), c = |r + J a|^2, accumulated frame by frame."""
+def normal_equations(energy: Energy, target: Target, basis: Basis, state: FitState) -> list[Normal]:
+    """The linearised data of each frame at a state: A = J^T J, b = J^T (r + J a), c = |r + J a|^2."""
     lame = basis.lame(state.a)
     moved = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
-    residual = target.residual(state.y)
-    A, b, c = 0.0, 0.0, 0.0
+    residual, frames = target.residual(state.y), []
     for t, S in enumerate(sensitivities(moved, state.y, basis.directions(lame))):
         J = S[:, target.seen[t]].reshape(len(S), -1)
         z = residual[t, target.seen[t]].ravel() + state.a @ J
-        A, b, c = A + J @ J.T, b + J @ z, c + float(z @ z)
-    return Normal(A=np.asarray(A), b=np.asarray(b), c=c, count=target.count)
+        frames.append(Normal(A=J @ J.T, b=J @ z, c=float(z @ z), count=z.size))
+    return frames
 
 
 def _step(
-    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal
+    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, frames: list[Normal]
 ) -> FitState:
     """One Gauss-Newton step with hyperparameters re-estimated, shortened until the objective falls.
 
@@ -170,8 +171,9 @@ def _step(
     directions that only the noise would decide from running ahead of the linearisation.
     """
     factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    normal = normal.thinned(factor)
-    state = best_hyperparameters(normal, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
+    normal = Normal.sum(frames).thinned(factor)
+    parts = [part.thinned(factor) for part in in_parts(frames, _PARTS)]
+    state = best_hyperparameters(parts, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
     before = _objective(target, basis, state, factor)
     change = posterior(normal, basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
     largest = max(np.abs(basis.log_mu @ change).max(), np.abs(basis.log_ratio @ change).max(), 1e-12)

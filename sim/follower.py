@@ -54,7 +54,8 @@ def deformed_area(cloud: RestCloud, y: np.ndarray) -> np.ndarray:
     out = np.zeros((*y.shape[:2], 3))
     outer = np.flatnonzero(cloud.area.any(axis=1))
     F = cloud.deformation_gradient(y)[:, outer]
-    cofactor = np.linalg.det(F)[..., None, None] * np.linalg.inv(F).swapaxes(-1, -2)
+    a, b, c = (F[..., n] for n in range(3))
+    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)  # J F^-T, also where F is flat
     out[:, outer] = np.einsum("tnab,nb->tna", cofactor, cloud.area[outer])
     return out
 

@@ -16,6 +16,7 @@ from veo_ti.object import VirtualElasticObject
 
 FRAMES = 9
 NEWTON = 0.04  # what the jet really pushes with; the folder does not tell
+FOOTPRINT = 0.03  # [m], nor how wide it is
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def folder(tmp_path):
     position = np.stack([along, np.full(FRAMES, 0.025), np.full(FRAMES, 0.3)], axis=1)
     direction = np.tile([0.0, 0.0, -1.0], (FRAMES, 1))
     force = np.where(np.arange(FRAMES) > 0, NEWTON, 0.0)
-    jet = Jet(position=position, direction=direction, force=force, footprint=0.02)
+    jet = Jet(position=position, direction=direction, force=force, footprint=FOOTPRINT)
     y = bar.simulate(AppliedForce(force=jet_forces(jet, bar.x, bar.cloud.area)), frames=FRAMES).require_converged().y
     y[1:] += 1e-4 * np.random.default_rng(0).normal(size=y[1:].shape)
     count, validation = len(bar.x), np.array([3, 6])
@@ -55,6 +56,7 @@ def test_run_learns_says_the_scale_is_unknown_and_recomputes_the_papers_row(fold
     assert held_out[""] < 0.25 < held_out["_no_change"]  # the noise is 0.16 mm in the mean distance
     assert not metrics["force_scale_known"]
     assert "moduli are relative" in " ".join(capsys.readouterr().err.split())
+    assert metrics["footprint_mm"] == pytest.approx(1e3 * FOOTPRINT, rel=0.15)
     # The jet is taken to be 1 N: the modulus comes out too large by just that factor.
     assert metrics["homogeneous_young_pa"] * NEWTON == pytest.approx(2e4, rel=0.15)
     assert "the paper&#x27;s own simulation" in (tmp_path / "out" / "report.html").read_text()

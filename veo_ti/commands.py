@@ -84,8 +84,9 @@ def _paper_row(source: Path) -> DistanceTable | None:
 def _progress(most: int) -> Iterator:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("solving the first equilibria", total=3 * most)
-        names = {"rough": "a first guess", "homogeneous": "one homogeneous material", "field": "per-point material"}
+        names = {"stream": "the width of the air stream", "rough": "a first guess",
+                 "homogeneous": "one homogeneous material", "field": "per-point material"}  # fmt: skip
+        task = bar.add_task("solving the first equilibria", total=len(names) * most)
 
         def advance(stage: str, state: FitState) -> None:
             text = f"{names[stage]}, step {len(state.objective) - 1}, noise {1e3 * state.sigma:.3g} mm"

@@ -1,6 +1,6 @@
 """How far a simulated object lies from a measurement: the paper's Table 1, and what to compare it with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,12 +8,15 @@ from recon.metrics import DistanceTable, distance_table
 from sim.checks import require
 from sim.energy import Energy
 from sim.fit import Target
-from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.follower import equilibrate_follower
+from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
+from sim.terms.loads import AppliedForce
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
-from veo_ti.scene import energy_of, target_of
+from veo_ti.scene import air, energy_of, target_of
 
 NEWTON = NewtonOptions(tolerance=1e-6)
+_SETTLED = 1e-3  # of a frame's largest force: how far a jet's forces may still change with the surface they blow on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,14 +55,24 @@ def evaluate(obj: VirtualElasticObject, observation: Observation) -> Evaluation:
     """Simulate the object from rest under the measured loads and compare; ValueError when the points differ."""
     require(len(obj.x) == len(observation.fixed), "observation", "have the object's points", observation.points.shape)
     energy = energy_of(observation, obj.cloud).with_elastic(obj.elastic)
-    start = np.repeat(obj.x[None], len(observation.time), axis=0)
-    return judged(solve_sequence(energy, start), target_of(observation))
+    return judged(observation, energy, np.repeat(obj.x[None], len(observation.time), axis=0))
 
 
-def judged(equilibrium: Equilibrium, target: Target) -> Evaluation:
-    """The comparison of a solved sequence with its target."""
-    converged = np.array([status.value == "converged" for status in equilibrium.status])
-    return Evaluation(y=equilibrium.y, converged=converged, sentence=equilibrium.sentence, target=target)
+def judged(observation: Observation, energy: Energy, start: np.ndarray) -> Evaluation:
+    """The simulation of a measurement under its loads, from `start` (T, N, 3) [m], and the comparison.
+
+    Forces that are given are dead loads. Those of a jet that is all that is known of them act on the simulated surface:
+    a prediction must not be told where the observed one was.
+    """
+    solved, target = solve_sequence(energy, start), target_of(observation)
+    settled, sentence = np.ones(len(start), bool), solved.sentence
+    if observation.forces is None and observation.jet is not None:
+        rest = replace(energy, terms=tuple(term for term in energy.terms if not isinstance(term, AppliedForce)))
+        load = air(observation.jet, energy.elastic.cloud)
+        found = equilibrate_follower(rest, load, solved.y, tolerance=_SETTLED, options=NEWTON)
+        solved, settled, sentence = found.equilibrium, found.settled, found.sentence
+    converged = np.array([status is Status.CONVERGED for status in solved.status]) & settled
+    return Evaluation(y=solved.y, converged=converged, sentence=sentence, target=target)
 
 
 def unmoved(x: np.ndarray, target: Target) -> Evaluation:
@@ -71,7 +84,7 @@ def unmoved(x: np.ndarray, target: Target) -> Evaluation:
 def solve_sequence(energy: Energy, start: np.ndarray) -> Equilibrium:
     """Equilibria of all frames; one that fails is tried again from the nearest frame in time that did not."""
     first = equilibrate(energy, start, options=NEWTON)
-    failed = np.array([t for t, status in enumerate(first.status) if status.value != "converged"], int)
+    failed = np.array([t for t, status in enumerate(first.status) if status is not Status.CONVERGED], int)
     good = np.setdiff1d(np.arange(len(start)), failed)
     if not len(failed) or not len(good):
         return first

@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,11 @@ from sim.cloud import CloudOptions, RestCloud
 from sim.energy import Energy
 from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
 from veo_ti.checkpoint import read_state, write_state
-from veo_ti.evaluation import Evaluation, judged, solve_sequence, unmoved
+from veo_ti.evaluation import Evaluation, judged, unmoved
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
+from veo_ti.stream import with_footprint
 
 _FEW = 12  # frames on which one homogeneous material is found before all are taken
 Progress = Callable[[str, FitState], None]
@@ -70,7 +72,8 @@ class Identification:
             "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
             "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,
             "determined": _spread(self.fit.determined), "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
-            "force_scale_known": self.object.force_scale_known, "frames": {
+            "force_scale_known": self.object.force_scale_known,
+            "footprint_mm": None if self.observation.jet is None else 1e3 * self.observation.jet.footprint, "frames": {
                 "training": self.train.tolist(), "held_out": self.held_out.tolist(),
                 "not_converged": np.flatnonzero(~self.model.converged).tolist(),
             },
@@ -97,13 +100,16 @@ def identify(
     measurement and the options are the same. progress(stage, state) is called after every step.
     """
     began, options = time.perf_counter(), options or IdentifyOptions()
-    cloud = cloud_of(observation, options.cloud)
-    energy, target = energy_of(observation, cloud), target_of(observation)
+    cloud, key = cloud_of(observation, options.cloud), _key(observation, options)
     train, held_out = observation.split(options.every)
-    stage = _Stage(energy.frames(train), target.frames(train), checkpoints, _key(observation, options), progress)
+    few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
+    observation = with_footprint(
+        observation, cloud, train[few], options.fit.homogeneous, partial(progress, "stream") if progress else None
+    )
+    energy, target = energy_of(observation, cloud), target_of(observation)
+    stage = _Stage(energy.frames(train), target.frames(train), checkpoints, key, progress)
     rest = np.repeat(cloud.x[None], len(train), axis=0)
     mu = guess_modulus(stage.energy, stage.target)
-    few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
     rough = stage.frames(few).run("rough", rest[few], mu, options.fit.homogeneous)
     homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous, rough.state.a)
     learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit)
@@ -111,7 +117,8 @@ def identify(
     return Identification(
         observation=observation, options=options, energy=_with(energy, learnt), object=obj, fit=learnt,
         homogeneous=homogeneous,
-        model=_everywhere(energy, target, learnt, train), baseline=_everywhere(energy, target, homogeneous, train),
+        model=_everywhere(observation, energy, learnt, train),
+        baseline=_everywhere(observation, energy, homogeneous, train),
         rest=unmoved(cloud.x, target), train=train, held_out=held_out,
         gradient_error=check_gradient(stage.energy, stage.target, learnt), seconds=time.perf_counter() - began,
     )  # fmt: skip
@@ -147,11 +154,11 @@ class _Stage:
         )
 
 
-def _everywhere(energy: Energy, target: Target, result: Fit, train: np.ndarray) -> Evaluation:
+def _everywhere(observation: Observation, energy: Energy, result: Fit, train: np.ndarray) -> Evaluation:
     """The fitted material on every frame; held-out frames start from the nearest training frame's solution."""
-    frames = np.arange(len(target.y))
+    frames = np.arange(len(observation.time))
     near = np.abs(train[None] - frames[:, None]).argmin(axis=1)
-    return judged(solve_sequence(_with(energy, result), result.equilibrium.y[near]), target)
+    return judged(observation, _with(energy, result), result.equilibrium.y[near])
 
 
 def _with(energy: Energy, result: Fit) -> Energy:
@@ -170,7 +177,10 @@ def _object(observation: Observation, cloud: RestCloud, result: Fit, options: Id
 def _key(observation: Observation, options: IdentifyOptions) -> str:
     """A fingerprint of everything the result depends on."""
     digest = hashlib.sha256(repr(asdict(options)).encode())
-    for array in (observation.points, observation.forces, observation.fixed, observation.observed, observation.handles):
+    jet = observation.jet
+    blown = () if jet is None else (jet.position, jet.direction, jet.force, np.array(jet.footprint))
+    given = (observation.points, observation.forces, observation.fixed, observation.observed, observation.handles)
+    for array in (*given, *blown):
         digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

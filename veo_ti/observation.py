@@ -104,9 +104,7 @@ class Observation:
             raise ValueError(f"index must choose among {len(self.time)} frames; got {index!r} ({error})") from None
         changing = ("points", "forces", "time", "observed", "held_out", "sigma")
         names = [name for name in changing if np.ndim(getattr(self, name))]
-        jet = self.jet
-        if jet is not None:
-            jet = replace(jet, position=jet.position[chosen], direction=jet.direction[chosen], force=jet.force[chosen])
+        jet = None if self.jet is None else self.jet.frames(chosen)
         return replace(self, **{name: getattr(self, name)[chosen] for name in names}, jet=jet)
 
     def split(self, every: int = 4) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,14 @@
 """From a measurement to what the simulator takes: a cloud, its loads and supports, and the positions to reach."""
 
+from functools import partial
+
 import numpy as np
 
 from sim.cloud import CloudOptions, RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.fit import Target, guess_modulus
+from sim.follower import Load, deformed_area
 from sim.lame import Lame
 from sim.terms.base import Term
 from sim.terms.handles import Handles
@@ -22,7 +25,7 @@ def cloud_of(observation: Observation, options: CloudOptions | None = None) -> R
 
 
 def forces_of(observation: Observation, cloud: RestCloud) -> np.ndarray:
-    """The applied forces (T, N, 3) [N]: as given, else those of the jet on the reference shape, else none."""
+    """The applied forces (T, N, 3) [N]: as given, else those of the jet on the observed poses, else none."""
     if observation.forces is not None:
         return observation.forces
     if observation.jet is not None:
@@ -31,9 +34,20 @@ def forces_of(observation: Observation, cloud: RestCloud) -> np.ndarray:
 
 
 def blown(observation: Observation, cloud: RestCloud, jet: Jet) -> np.ndarray:
-    """The forces (T, N, 3) [N] of a jet; where they are not given, surface that other surface hides gets none."""
-    spacing = cloud.spacing if observation.forces is None else None
-    return jet_forces(jet, cloud.x, cloud.area, spacing=spacing)
+    """The forces (T, N, 3) [N] of a jet: where forces are given too, a dead load like them, else that on each pose.
+
+    Poses are the observed ones; one with lost points counts as the reference pose.
+    """
+    if observation.forces is not None:
+        return jet_forces(jet, cloud.x, cloud.area)
+    seen = observation.observed.all(axis=1)[:, None, None]
+    pose = np.where(seen, observation.points, cloud.x)
+    return air(jet, cloud)(pose, deformed_area(cloud, pose))
+
+
+def air(jet: Jet, cloud: RestCloud) -> Load:
+    """A jet as a load on any pose; surface that other surface hides gets none."""
+    return partial(jet_forces, jet, spacing=cloud.spacing)
 
 
 def target_of(observation: Observation) -> Target:

@@ -19,6 +19,7 @@ from sim.checks import require
 _CHUNK = 1 << 14  # rays at a time
 _HALVINGS = 18  # of the interval in which the grid's spacing is sought
 _REACH = 2.0  # spacings within which points hang together
+_CLOSE = 0.5  # spacings: of points this near to each other one is enough
 _LEAST = 500  # points that make an object
 
 
@@ -58,10 +59,13 @@ def extract(trained: Trained, views: Views, options: ExtractOptions | None = Non
     options = options or ExtractOptions()
     places, colours = _opaque(trained, views, options)
     require(len(places) >= _LEAST, "field", f"be opaque in at least {_LEAST} samples of the cameras' rays", len(places))
-    points, colours, spacing = _thinned(places, colours, options.points)
+    points, colours, cube, spacing = _thinned(places, colours, options.points)
     kept = _hanging_together(points, spacing)
-    points, colours = points[kept], colours[kept]
-    surface, normals = _outside(points, spacing)
+    surface, normals = _outside(points[kept], spacing)
+    points[kept] = _on_the_skin(points[kept], normals, places, np.where(kept, np.cumsum(kept) - 1, -1)[cube])
+    points, colours, samples = points[kept], colours[kept], np.bincount(cube)[kept]
+    apart = _apart(points, samples, _CLOSE * spacing)
+    points, colours, surface, normals = points[apart], colours[apart], surface[apart], normals[apart]
     start = torch.from_numpy(points.astype(np.float32))
     moved = [carried(trained.field, start, frame, options.steps).numpy() for frame in range(len(views.times))]
     return Cloud4D(
@@ -71,9 +75,13 @@ def extract(trained: Trained, views: Views, options: ExtractOptions | None = Non
 
 
 @torch.no_grad()
-def carried(field: Dynamic, canonical: torch.Tensor, frame: int, steps: int = 5) -> torch.Tensor:
-    """Where canonical points (N, 3) are in a frame: by w, then steps of `y <- x - b(y)`, kept where b agrees better."""
-    frames = torch.full((len(canonical),), frame)
+def carried(field: Dynamic, start: torch.Tensor, frame: int, steps: int = 5) -> torch.Tensor:
+    """Where points (N, 3) of frame 0 are in a frame: x = y0 + b(y0), by w, then steps of `y <- x - b(y)`.
+
+    The steps are kept where b agrees better with them than with w.
+    """
+    canonical = field.bent(start, torch.zeros(len(start), dtype=torch.long))
+    frames = torch.full((len(start),), frame)
     first = field.warped(canonical, frames)
     better = first
     for _ in range(steps):
@@ -101,12 +109,12 @@ def _opaque(trained: Trained, views: Views, options: ExtractOptions) -> tuple[np
             solid = (1 - torch.exp(-thickness) > options.opacity) & (seen.opacity[samples.ray] > options.whole)
             found.append(samples.place[behind & solid])
     places = torch.cat(found) if found else torch.zeros(0, 3)
-    colours = [trained.field.canonical(part)[1] for part in places.split(1 << 16)]
+    colours = [trained.field.first(part)[1] for part in places.split(1 << 16)]
     return places.double().numpy(), torch.cat(colours).double().numpy() if colours else np.zeros((0, 3))
 
 
-def _thinned(places: np.ndarray, colours: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """One point, the mean, in each cube of the finest grid that leaves at most so many."""
+def _thinned(places: np.ndarray, colours: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """One point, the mean, in each cube of the finest grid that leaves at most so many; and each place's cube (S,)."""
     low, high = 1e-3 * np.ptp(places, axis=0).max(), np.ptp(places, axis=0).max()
     for _ in range(_HALVINGS):
         spacing = (low + high) / 2
@@ -114,11 +122,40 @@ def _thinned(places: np.ndarray, colours: np.ndarray, most: int) -> tuple[np.nda
     which = np.unique(_cells(places, high), axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(which)[:, None]
     means = [np.stack([np.bincount(which, v[:, a]) for a in range(3)], axis=1) / count for v in (places, colours)]
-    return means[0], means[1], float(high)
+    return means[0], means[1], which, float(high)
 
 
 def _cells(places: np.ndarray, spacing: float) -> np.ndarray:
     return np.floor((places - places.min(axis=0)) / spacing).astype(np.int64)
+
+
+def _on_the_skin(points: np.ndarray, normals: np.ndarray, places: np.ndarray, cube: np.ndarray) -> np.ndarray:
+    """Points (N, 3), those with a normal (N, 3) moved outwards to a sample of their own cube (S,), -1 for none.
+
+    The mean of a cube that the skin cuts lies inside the body: an object of such points would be too thin on all sides
+    by half a spacing, and its skin too small for the air that blows on it.
+    """
+    own = np.flatnonzero((cube >= 0) & normals.any(axis=1)[cube])
+    arm = places[own] - points[cube[own]]
+    out = (arm * normals[cube[own]]).sum(axis=1)
+    aside = np.linalg.norm(arm - out[:, None] * normals[cube[own]], axis=1)
+    best = own[np.lexsort((out - aside, cube[own]))]
+    last = np.append(cube[best][1:] != cube[best][:-1], True)
+    points = points.copy()
+    points[cube[best[last]]] = places[best[last]]
+    return points
+
+
+def _apart(points: np.ndarray, samples: np.ndarray, least: float) -> np.ndarray:
+    """Which points (N,) bool to keep so that none is nearer than `least` to another: those of most samples first.
+
+    A cube that holds a mere sliver of the body has its point next to that of the cube behind it, and two points that
+    nearly touch make a stiff equation.
+    """
+    near, kept = cKDTree(points).query_ball_point(points, least), np.zeros(len(points), bool)
+    for i in np.argsort(-samples, kind="stable"):
+        kept[i] = not kept[near[i]].any()
+    return kept
 
 
 def _hanging_together(points: np.ndarray, spacing: float) -> np.ndarray:

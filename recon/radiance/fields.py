@@ -122,8 +122,8 @@ class Offset(torch.nn.Module):
 class Dynamic(torch.nn.Module):
     """A canonical field with the motion of all frames: `v(x + b(x, l_t))`, and w that carries canonical points to t.
 
-    Frame 0 is the canonical state itself: there b and w are zero, so correspondences are anchored in a state that was
-    filmed.
+    Training starts with frame 0 as the canonical state. Later frame 0 is bent like any other: what the motions of all
+    frames have in common then moves the canonical state, and not frame 0 against all others.
     """
 
     def __init__(self, box: Box, frames: int, options: FieldOptions, *, latent: int = 16, seed: int = 0) -> None:
@@ -138,14 +138,17 @@ class Dynamic(torch.nn.Module):
         """Density [1/m] and colour at places (N, 3) [m] in frames (N,)."""
         return self.canonical(self.bent(places, frame))
 
+    def first(self, places: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Density [1/m] and colour at places (N, 3) [m] in frame 0."""
+        return self(places, torch.zeros(len(places), dtype=torch.long))
+
     def bent(self, places: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
         """Where in the canonical state a place of a frame belongs, (N, 3) [m]."""
-        moves = (frame > 0)[:, None]
-        return places + self.bending(places, self._latent(frame)) * moves if bool(moves.any()) else places
+        return places + self.bending(places, self._latent(frame))
 
     def warped(self, canonical: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
         """Where in a frame a canonical place is, (N, 3) [m]."""
-        return canonical + self.warping(canonical, self._latent(frame).detach()) * (frame > 0)[:, None]
+        return canonical + self.warping(canonical, self._latent(frame).detach())
 
     def _latent(self, frame: torch.Tensor) -> torch.Tensor:
         count = len(self.latents)

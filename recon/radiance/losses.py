@@ -52,7 +52,7 @@ def warp_loss(
 
     Bending and latents are taken as they are: w follows b and never pulls at it.
     """
-    visible = torch.nonzero((thickness.detach() > _VISIBLE) & (samples.frame > 0))[:, 0]
+    visible = torch.nonzero(thickness.detach() > _VISIBLE)[:, 0]
     if len(visible) > _MOST_WARPED:
         visible = visible[torch.randint(0, len(visible), (_MOST_WARPED,), generator=generator)]
     if not len(visible):

@@ -14,7 +14,7 @@ from recon.radiance.marching import Occupancy
 from recon.radiance.training import Trained
 from sim.checks import require
 
-VERSION = 2
+VERSION = 3
 
 
 def save_trained(path: str | Path, trained: Trained, options: FieldOptions) -> Path:

@@ -33,6 +33,7 @@ _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
+_SCHEME = 2  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
@@ -167,7 +168,7 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     canonical: list[torch.Tensor] = []
 
     def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        canonical.append(run.model.bent(places, frame))
+        canonical.append(run.model.bent(places, frame) if moving else places)
         return run.model.canonical(canonical[0])
 
     seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame,
@@ -242,4 +243,4 @@ def _diverged(run: Run, loss: float) -> bool:
 
 def fingerprint(views: Views, options: TrainOptions) -> str:
     """Changes when what was filmed, or how it is trained on, does."""
-    return hashlib.sha256(repr((options, views.identity)).encode()).hexdigest()
+    return hashlib.sha256(repr((_SCHEME, options, views.identity)).encode()).hexdigest()

@@ -1,6 +1,6 @@
 """The air jet of a nozzle as forces on a surface (paper "Dataset": compressed air from a tracked nozzle)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,11 @@ class Jet:
     direction: np.ndarray  # (T, 3), unit vectors, the way the air goes
     force: np.ndarray  # (T,) [N] on a flat wall across the axis
     footprint: float  # [m]
+
+    def frames(self, index: np.ndarray) -> "Jet":
+        """The chosen frames."""
+        chosen = {name: getattr(self, name)[index] for name in ("position", "direction", "force")}
+        return replace(self, **chosen)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ class Rerenderer:
     def picture(self, moved: np.ndarray, camera: Camera, behind: Picture | None = None) -> Picture:
         """The object with its points at `moved` (N, 3) [m], as a camera sees it; behind: see `render`."""
         cut = CUT * self.spacing
-        field = moved_field(self.trained.field.canonical, CloudWarp.of(self.rest, moved), cut)
+        field = moved_field(self.trained.field.first, CloudWarp.of(self.rest, moved), cut)
         return render(field, cloud_occupancy(moved, cut=cut), camera, behind=behind)
 
 

@@ -1,0 +1,45 @@
+"""How wide an air stream is that nobody measured: what one homogeneous material under it says."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from sim.basis import FitOptions
+from sim.cloud import RestCloud
+from sim.fit import FitState, fit, guess_modulus
+from veo_ti.observation import Observation
+from veo_ti.scene import energy_of, target_of
+
+_NARROWEST, _WIDEST = 0.4, 3.0  # of the width that was assumed
+_SURE = 0.1  # of a width, to which it is sought: data of one nozzle distance tell no more
+
+
+def with_footprint(
+    observation: Observation, cloud: RestCloud, frames: np.ndarray, options: FitOptions,
+    progress: Callable[[FitState], None] | None = None,
+) -> Observation:  # fmt: skip
+    """The measurement with a jet as wide as the chosen frames say; itself where the jet was measured, or forces given.
+
+    A recording tells where the nozzle was and where it pointed, not how wide its stream is where it meets the object.
+    That width and one homogeneous material are those of the least residual.
+    """
+    if observation.jet is None or observation.forces is not None or observation.force_scale_known:
+        return observation
+    target = target_of(observation).frames(frames)
+    last: list[FitState] = []
+
+    def blown(log_width: float) -> Observation:
+        return replace(observation, jet=replace(observation.jet, footprint=float(np.exp(log_width))))
+
+    def residual(log_width: float) -> float:
+        energy = energy_of(blown(log_width), cloud).frames(frames)
+        start = last[-1].y if last else np.repeat(cloud.x[None], len(frames), axis=0)
+        found = fit(energy, target, start, mu=guess_modulus(energy, target), options=options, progress=progress)
+        last.append(found.state)
+        return target.rms(found.state.y)
+
+    assumed = np.log(observation.jet.footprint)
+    bounds = assumed + np.log([_NARROWEST, _WIDEST])
+    return blown(minimize_scalar(residual, bounds=bounds, method="bounded", options={"xatol": _SURE}).x)
