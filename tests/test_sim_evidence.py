@@ -1,9 +1,12 @@
 """Linear-Gaussian inference: standard deviations against the scatter of many repetitions."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from sim.evidence import Normal, jackknife, posterior
+from sim.evidence import Normal, best_hyperparameters, in_parts, jackknife, posterior
 
 PARTS, EACH = 8, 40
 PRIOR = np.full(3, 100.0)
@@ -40,3 +43,51 @@ def test_jackknife_tells_the_scatter_where_errors_are_alike_within_a_part():
     scatter, jack, told = repeated(0.5)
     assert (told < 0.75 * scatter).all()
     assert jack == pytest.approx(scatter, rel=0.25)
+
+
+@dataclass(frozen=True)
+class Guess:
+    length: float = 1.0
+    amplitude: float = 0.7
+    sigma: float = 1.0
+
+
+BASIS = SimpleNamespace(
+    prior=lambda length, amplitude: np.full(12, amplitude**2), spacing=0.1, options=SimpleNamespace(modes=12)
+)
+
+
+def chosen_amplitude(spread: float, shared: float, parts: int, draws: int = 30) -> float:
+    """Median amplitude after a few rounds, for coefficients of that spread that all parts see alike."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(draws):
+        a = spread * rng.normal(size=12)
+        J = rng.normal(size=(5, 60, 12))
+        bias = J @ (np.sqrt(shared) * rng.normal(size=(5, 12, 1)))  # what one part alone takes for coefficients
+        z = J @ a + bias[..., 0] + rng.normal(size=(5, 60))
+        frames = [Normal(A=j.T @ j, b=j.T @ y, c=float(y @ y), count=60) for j, y in zip(J, z, strict=True)]
+        guess = Guess()
+        for _ in range(8):
+            guess = best_hyperparameters(in_parts(frames, parts), BASIS, guess, None, floor=0.0)
+        found.append(guess.amplitude)
+    return float(np.median(found))
+
+
+def test_coefficients_that_only_single_parts_want_are_kept_small():
+    assert chosen_amplitude(0.0, shared=1.0, parts=5) < 0.5 * chosen_amplitude(0.0, shared=1.0, parts=1)
+
+
+def test_coefficients_that_all_parts_tell_are_found():
+    assert 0.2 < chosen_amplitude(0.7, shared=0.0, parts=5) < 1.1
+
+
+def test_parts_hold_all_frames_and_know_about_equally_much():
+    rng = np.random.default_rng(2)
+    J = [rng.normal(size=(20, 3)) * (0.0 if k < 4 else 1.0) for k in range(24)]
+    frames = [Normal(A=j.T @ j, b=j.T @ np.ones(20), c=20.0, count=20) for j in J]
+    parts = in_parts(frames, 5)
+    whole = Normal.sum(parts)
+    np.testing.assert_allclose(whole.A, sum(f.A for f in frames))
+    assert whole.count == 480 and len(parts) == 5
+    known = np.array([np.trace(part.A) for part in parts])
+    assert known.max() < 2 * known.min()
