@@ -43,7 +43,7 @@ def test_what_was_observed_does_not_move_a_prediction(bar, blown):
     one, other = evaluate(bar, blown), evaluate(bar, still)
     moved = np.linalg.norm(one.y[1] - bar.x, axis=1).max()
     assert one.converged.all() and other.converged.all() and moved > 5e-3
-    assert np.abs(one.y - other.y).max() < 2e-3 * moved
+    assert np.abs(one.y - other.y).max() < 1e-2 * moved
 
 
 def test_prediction_holds_the_air_that_meets_it(bar, blown):
@@ -52,7 +52,7 @@ def test_prediction_holds_the_air_that_meets_it(bar, blown):
     inner = -bar.elastic.gradient(found)[1]
     air = jet_forces(blown.jet, found, deformed_area(cloud, found), spacing=cloud.spacing)[1]
     free = ~bar.fixed
-    assert np.abs(inner + air)[free].max() < 5e-3 * np.abs(air).max()
+    assert np.abs(inner + air)[free].max() < 1e-2 * np.abs(air).max()
 
 
 def test_a_stream_that_turns_with_the_observed_pose_gives_forces_that_turn_too(bar, blown):

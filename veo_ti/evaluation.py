@@ -16,7 +16,8 @@ from veo_ti.observation import Observation
 from veo_ti.scene import air, energy_of, target_of
 
 NEWTON = NewtonOptions(tolerance=1e-6)
-_SETTLED = 1e-3  # of a frame's largest force: how far a jet's forces may still change with the surface they blow on
+_SETTLED = 5e-3  # of a frame's largest force: how far a jet's forces may still change with the surface they blow on
+_ROUNDS = 12  # of solving and blowing, in which they have to
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +70,7 @@ def judged(observation: Observation, energy: Energy, start: np.ndarray) -> Evalu
     if observation.forces is None and observation.jet is not None:
         rest = replace(energy, terms=tuple(term for term in energy.terms if not isinstance(term, AppliedForce)))
         load = air(observation.jet, energy.elastic.cloud)
-        found = equilibrate_follower(rest, load, solved.y, tolerance=_SETTLED, options=NEWTON)
+        found = equilibrate_follower(rest, load, solved.y, tolerance=_SETTLED, iterations=_ROUNDS, options=NEWTON)
         solved, settled, sentence = found.equilibrium, found.settled, found.sentence
     converged = np.array([status is Status.CONVERGED for status in solved.status]) & settled
     return Evaluation(y=solved.y, converged=converged, sentence=sentence, target=target)
