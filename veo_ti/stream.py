@@ -28,6 +28,7 @@ def with_footprint(
     if observation.jet is None or observation.forces is not None or observation.force_scale_known:
         return observation
     target = target_of(observation).frames(frames)
+    mu = guess_modulus(energy_of(observation, cloud).frames(frames), target)
     last: list[FitState] = []
 
     def blown(log_width: float) -> Observation:
@@ -36,7 +37,8 @@ def with_footprint(
     def residual(log_width: float) -> float:
         energy = energy_of(blown(log_width), cloud).frames(frames)
         start = last[-1].y if last else np.repeat(cloud.x[None], len(frames), axis=0)
-        found = fit(energy, target, start, mu=guess_modulus(energy, target), options=options, progress=progress)
+        guess = last[-1].a if last else None
+        found = fit(energy, target, start, mu=mu, options=options, guess=guess, progress=progress)
         last.append(found.state)
         return target.rms(found.state.y)
 
