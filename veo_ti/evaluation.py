@@ -15,7 +15,7 @@ from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import air, energy_of, target_of
 
-NEWTON = NewtonOptions(tolerance=1e-6)
+NEWTON = NewtonOptions(tolerance=1e-5)  # as in the fit: soft patches take long to get further
 _SETTLED = 5e-3  # of a frame's largest force: how far a jet's forces may still change with the surface they blow on
 _ROUNDS = 12  # of solving and blowing, in which they have to
 
