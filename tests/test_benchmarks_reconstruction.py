@@ -26,7 +26,8 @@ def filmed(tmp_path_factory) -> Filmed:
 
 
 def worked(warped) -> Work:
-    return Work(trained=SimpleNamespace(field=SimpleNamespace(warped=warped)), wall=1.0, cpu=2.0)
+    field = SimpleNamespace(warped=warped, bent=lambda places, frame: places)
+    return Work(trained=SimpleNamespace(field=field), wall=1.0, cpu=2.0)
 
 
 def percentages(figure: str) -> list[float]:

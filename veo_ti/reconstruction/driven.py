@@ -6,7 +6,7 @@ from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, forces_of
 
 _ACTS = 0.02  # of the largest frame's sum of forces, above which the stream meets the object
-_RESTS = 0.005  # of the object's size: how far all but one point in a hundred of an object at rest may seem to be off
+_RESTS = 0.005  # of the object's size: how far nineteen points in twenty of an object at rest may seem to be off
 
 
 def driven_frames(observation: Observation) -> np.ndarray:
@@ -16,7 +16,7 @@ def driven_frames(observation: Observation) -> np.ndarray:
     pulled by fishing lines whose tension is not measured (paper, "Capture").
     """
     force = np.linalg.norm(forces_of(observation, cloud_of(observation)), axis=2).sum(axis=1)
-    moved = np.quantile(np.linalg.norm(observation.points - observation.points[:1], axis=2), 0.99, axis=1)
+    moved = np.quantile(np.linalg.norm(observation.points - observation.points[:1], axis=2), 0.95, axis=1)
     size = np.linalg.norm(np.ptp(observation.points[0], axis=0))
     acts = force > _ACTS * force.max()
     return np.flatnonzero(acts | (moved < _RESTS * size)) if acts.any() else np.arange(len(force))
