@@ -93,9 +93,10 @@ def correspondence_row(filmed: Filmed, work: Work, what: str, *, mean: float, me
     truth, trained = filmed.truth, work.trained
     start = torch.from_numpy(truth.rest[truth.surface].astype(np.float32))
     off, moved = [], []
+    with torch.no_grad():
+        canonical = trained.field.from_first(start)
     for frame in range(1, len(truth.points)):
         with torch.no_grad():
-            canonical = trained.field.bent(start, torch.zeros(len(start), dtype=torch.long))
             found = trained.field.warped(canonical, torch.full((len(start),), frame)).double().numpy()
         off.append(np.linalg.norm(found - truth.points[frame][truth.surface], axis=1))
         moved.append(np.linalg.norm(truth.points[frame][truth.surface] - truth.rest[truth.surface], axis=1))

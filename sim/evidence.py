@@ -1,6 +1,6 @@
 """Linear-Gaussian inference on accumulated normal equations: posterior, evidence, and the prior's own parameters."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,10 +55,9 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
 
 def left_out(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
     """Squared error (B,) of each part of the data under coefficients that the other parts chose."""
-    A, b = sum(p.A for p in parts), sum(p.b for p in parts)
-    errors = []
+    whole, errors = Normal.sum(parts), []
     for p in parts:
-        rest = Normal(A=A - p.A, b=b - p.b, c=0.0, count=0.0)
+        rest = Normal(A=whole.A - p.A, b=whole.b - p.b, c=0.0, count=0.0)
         m = posterior(rest, prior, sigma).mean
         errors.append(p.c - 2 * m @ p.b + m @ p.A @ m)
     return np.array(errors)
@@ -70,8 +69,8 @@ def jackknife(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.nd
     `sd^2 = (B - 1)/B sum_b (mean_b - average)^2` (Tukey 1958). Unlike the posterior's they grow where parts contradict
     one another, as they do when the model is wrong or errors are alike within a part.
     """
-    A, b = sum(p.A for p in parts), sum(p.b for p in parts)
-    rests = (Normal(A=A - p.A, b=b - p.b, c=0.0, count=0.0) for p in parts)
+    whole = Normal.sum(parts)
+    rests = (Normal(A=whole.A - p.A, b=whole.b - p.b, c=0.0, count=0.0) for p in parts)
     means = np.array([posterior(rest, prior, sigma).mean for rest in rests])
     return np.sqrt((len(parts) - 1) * means.var(axis=0))
 
@@ -104,30 +103,30 @@ def best_hyperparameters(parts: Sequence[Normal], basis: Any, state: Any, sigma:
         return replace(state, sigma=max(present, floor))
     steps = np.array([0.67, 1.0, 1.5])
     shortest = 2 * basis.spacing
-    choices = [(max(state.length * i, shortest), min(state.amplitude * j, 1.5)) for i in steps for j in steps]
-    scores = [posterior(normal, basis.prior(*c), noise(*c)).evidence for c in choices]
-    length, amplitude = _smoothest(parts, basis, choices, int(np.argmax(scores)), noise)
-    return replace(state, length=length, amplitude=amplitude, sigma=noise(length, amplitude))
+    near = [(max(state.length * i, shortest), min(state.amplitude * j, 1.5)) for i in steps for j in steps]
+    choices = [(*c, noise(*c)) for c in near]
+    scores = [posterior(normal, basis.prior(*c), s).evidence for *c, s in choices]
+    length, amplitude, level = _smoothest(parts, basis, choices, choices[int(np.argmax(scores))])
+    return replace(state, length=length, amplitude=amplitude, sigma=level)
 
 
-def _smoothest(
-    parts: Sequence[Normal], basis: Any, choices: Sequence[tuple[float, float]], best: int,
-    noise: Callable[[float, float], float],
-) -> tuple[float, float]:  # fmt: skip
+_Choice = tuple[float, float, float]  # length, amplitude, noise
+
+
+def _smoothest(parts: Sequence[Normal], basis: Any, choices: Sequence[_Choice], best: _Choice) -> _Choice:
     """The choice of least amplitude, and of those the longest, that predicts parts left out like the best does.
 
-    That is within one standard error of the difference over the parts (Breiman et al. 1984). The evidence takes
+    That is, within one standard error of the difference over the parts (Breiman et al. 1984). The evidence takes
     residuals for independent; errors that are alike in neighbouring points and frames, as those of a reconstruction
     are, would by it look like stiffness that varies.
     """
     if len(parts) < 2:
-        return choices[best]
-    errors = np.array([left_out(parts, basis.prior(*c), noise(*c)) for c in choices])
-    worse = errors - errors[best]
-    allowed = worse.sum(axis=1) <= np.sqrt(len(parts)) * worse.std(axis=1, ddof=1)
-    plainer = [c for c, good in zip(choices, allowed, strict=True)
-               if good and c[0] >= choices[best][0] and c[1] <= choices[best][1]]  # fmt: skip
-    return min(plainer, key=lambda c: (c[1], -c[0]))
+        return best
+    plainer = [c for c in choices if c[0] >= best[0] and c[1] <= best[1]]
+    errors = np.array([left_out(parts, basis.prior(*c), s) for *c, s in plainer])
+    worse = errors - errors[plainer.index(best)]
+    good = worse.sum(axis=1) <= np.sqrt(len(parts)) * worse.std(axis=1, ddof=1)
+    return min((c for c, well in zip(plainer, good, strict=True) if well), key=lambda c: (c[1], -c[0]))
 
 
 def in_parts(frames: Sequence[Normal], most: int) -> list[Normal]:

@@ -171,11 +171,10 @@ def _step(
     directions that only the noise would decide from running ahead of the linearisation.
     """
     factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    normal = Normal.sum(frames).thinned(factor)
     parts = [part.thinned(factor) for part in in_parts(frames, _PARTS)]
     state = best_hyperparameters(parts, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
     before = _objective(target, basis, state, factor)
-    change = posterior(normal, basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
+    change = posterior(Normal.sum(parts), basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
     largest = max(np.abs(basis.log_mu @ change).max(), np.abs(basis.log_ratio @ change).max(), 1e-12)
     size = min(1.0, basis.options.step / largest)
     for _ in range(6):

@@ -26,7 +26,7 @@ def filmed(tmp_path_factory) -> Filmed:
 
 
 def worked(warped) -> Work:
-    field = SimpleNamespace(warped=warped, bent=lambda places, frame: places)
+    field = SimpleNamespace(warped=warped, from_first=lambda places: places)
     return Work(trained=SimpleNamespace(field=field), wall=1.0, cpu=2.0)
 
 

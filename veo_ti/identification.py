@@ -1,9 +1,8 @@
 """From a measurement to a virtual elastic object: homogeneous baseline, material field, held-out error."""
 
-import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from sim.energy import Energy
 from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
 from veo_ti.checkpoint import read_state, write_state
 from veo_ti.evaluation import Evaluation, judged, unmoved
+from veo_ti.kept import key_of
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
@@ -176,13 +176,10 @@ def _object(observation: Observation, cloud: RestCloud, result: Fit, options: Id
 
 def _key(observation: Observation, options: IdentifyOptions) -> str:
     """A fingerprint of everything the result depends on."""
-    digest = hashlib.sha256(repr(asdict(options)).encode())
-    jet = observation.jet
-    blown = () if jet is None else (jet.position, jet.direction, jet.force, np.array(jet.footprint))
-    given = (observation.points, observation.forces, observation.fixed, observation.observed, observation.handles)
-    for array in (*given, *blown):
-        digest.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    given = {f.name: getattr(observation, f.name) for f in fields(observation)}
+    jet = given.pop("jet")
+    blown = () if jet is None else (getattr(jet, f.name) for f in fields(jet))
+    return key_of(options, *given.values(), *blown)
 
 
 def _table(part: Evaluation, frames: np.ndarray) -> dict[str, float] | None:

@@ -31,11 +31,11 @@ def with_footprint(
     mu = guess_modulus(energy_of(observation, cloud).frames(frames), target)
     last: list[FitState] = []
 
-    def blown(log_width: float) -> Observation:
+    def as_wide(log_width: float) -> Observation:
         return replace(observation, jet=replace(observation.jet, footprint=float(np.exp(log_width))))
 
     def residual(log_width: float) -> float:
-        energy = energy_of(blown(log_width), cloud).frames(frames)
+        energy = energy_of(as_wide(log_width), cloud).frames(frames)
         start = last[-1].y if last else np.repeat(cloud.x[None], len(frames), axis=0)
         guess = last[-1].a if last else None
         found = fit(energy, target, start, mu=mu, options=options, guess=guess, progress=progress)
@@ -44,4 +44,4 @@ def with_footprint(
 
     assumed = np.log(observation.jet.footprint)
     bounds = assumed + np.log([_NARROWEST, _WIDEST])
-    return blown(minimize_scalar(residual, bounds=bounds, method="bounded", options={"xatol": _SURE}).x)
+    return as_wide(minimize_scalar(residual, bounds=bounds, method="bounded", options={"xatol": _SURE}).x)

@@ -61,11 +61,11 @@ def extract(trained: Trained, views: Views, options: ExtractOptions | None = Non
     require(len(places) >= _LEAST, "field", f"be opaque in at least {_LEAST} samples of the cameras' rays", len(places))
     points, colours, cube, spacing = _thinned(places, colours, options.points)
     kept = _hanging_together(points, spacing)
-    surface, normals = _outside(points[kept], spacing)
-    points[kept] = _on_the_skin(points[kept], normals, places, np.where(kept, np.cumsum(kept) - 1, -1)[cube])
-    points, colours, samples = points[kept], colours[kept], np.bincount(cube)[kept]
-    apart = _apart(points, samples, _CLOSE * spacing)
-    points, colours, surface, normals = points[apart], colours[apart], surface[apart], normals[apart]
+    surface, normals = np.zeros(len(points), bool), np.zeros_like(points)
+    surface[kept], normals[kept] = _outside(points[kept], spacing)
+    points = _on_the_skin(points, normals, places, cube)
+    kept[kept] = _apart(points[kept], np.bincount(cube)[kept], _CLOSE * spacing)
+    points, colours, surface, normals = (values[kept] for values in (points, colours, surface, normals))
     start = torch.from_numpy(points.astype(np.float32))
     moved = [carried(trained.field, start, frame, options.steps).numpy() for frame in range(len(views.times))]
     return Cloud4D(
@@ -80,7 +80,7 @@ def carried(field: Dynamic, start: torch.Tensor, frame: int, steps: int = 5) -> 
 
     The steps are kept where b agrees better with them than with w.
     """
-    canonical = field.bent(start, torch.zeros(len(start), dtype=torch.long))
+    canonical = field.from_first(start)
     frames = torch.full((len(start),), frame)
     first = field.warped(canonical, frames)
     better = first
@@ -130,19 +130,18 @@ def _cells(places: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _on_the_skin(points: np.ndarray, normals: np.ndarray, places: np.ndarray, cube: np.ndarray) -> np.ndarray:
-    """Points (N, 3), those with a normal (N, 3) moved outwards to a sample of their own cube (S,), -1 for none.
+    """Points (N, 3), those with a normal (N, 3) moved outwards to a sample of their own cube (S,).
 
     The mean of a cube that the skin cuts lies inside the body: an object of such points would be too thin on all sides
     by half a spacing, and its skin too small for the air that blows on it.
     """
-    own = np.flatnonzero((cube >= 0) & normals.any(axis=1)[cube])
+    own = np.flatnonzero(normals.any(axis=1)[cube])
     arm = places[own] - points[cube[own]]
     out = (arm * normals[cube[own]]).sum(axis=1)
     aside = np.linalg.norm(arm - out[:, None] * normals[cube[own]], axis=1)
-    best = own[np.lexsort((out - aside, cube[own]))]
-    last = np.append(cube[best][1:] != cube[best][:-1], True)
+    rising = own[np.argsort(out - aside, kind="stable")]
     points = points.copy()
-    points[cube[best[last]]] = places[best[last]]
+    points[cube[rising]] = places[rising]  # of a cube's samples the last one stays
     return points
 
 

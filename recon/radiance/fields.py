@@ -140,7 +140,11 @@ class Dynamic(torch.nn.Module):
 
     def first(self, places: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Density [1/m] and colour at places (N, 3) [m] in frame 0."""
-        return self(places, torch.zeros(len(places), dtype=torch.long))
+        return self.canonical(self.from_first(places))
+
+    def from_first(self, places: torch.Tensor) -> torch.Tensor:
+        """Where in the canonical state a place of frame 0 belongs, (N, 3) [m]."""
+        return self.bent(places, torch.zeros(len(places), dtype=torch.long))
 
     def bent(self, places: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
         """Where in the canonical state a place of a frame belongs, (N, 3) [m]."""
