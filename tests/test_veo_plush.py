@@ -7,12 +7,16 @@ import pytest
 
 from recon.plush.reconstruction import NozzlePath
 from recon.plush.reconstruction_writer import write_nozzle, write_reconstruction, write_simulation
+from sim.basis import FitOptions
+from sim.fit import FitState
 from sim.lame import Lame
 from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti import cli
 from veo_ti.body import sample_box
+from veo_ti.identification import IdentifyOptions, identify
 from veo_ti.object import VirtualElasticObject
+from veo_ti.observation import Observation
 
 FRAMES = 9
 NEWTON = 0.04  # what the jet really pushes with; the folder does not tell
@@ -57,6 +61,31 @@ def test_run_learns_says_the_scale_is_unknown_and_recomputes_the_papers_row(fold
     assert not metrics["force_scale_known"]
     assert "moduli are relative" in " ".join(capsys.readouterr().err.split())
     assert metrics["footprint_mm"] == pytest.approx(1e3 * FOOTPRINT, rel=0.15)
+    obj = VirtualElasticObject.load(tmp_path / "out")
+    assert obj.footprint == pytest.approx(FOOTPRINT, rel=0.15) and obj.up.tolist() == [0, 1, 0]
+    evaluated = ["evaluate", str(tmp_path / "out"), str(folder), "--out", str(tmp_path / "again")]
+    assert cli.main(evaluated) == 0  # with the width that was found, not the one that is assumed
+    again = json.loads((tmp_path / "again" / "metrics.json").read_text())
+    assert again["error_mm"]["mean"] == pytest.approx(held_out[""], abs=0.05)
     # The jet is taken to be 1 N: the modulus comes out too large by just that factor.
     assert metrics["homogeneous_young_pa"] * NEWTON == pytest.approx(2e4, rel=0.15)
     assert "the paper&#x27;s own simulation" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_an_interrupted_identification_does_not_seek_the_streams_width_again(folder, tmp_path):
+    options = IdentifyOptions(fit=FitOptions(modes=8))
+    stages = []
+
+    def stop(stage: str, state: FitState) -> None:
+        stages.append(stage)
+        if stage == "field":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        identify(Observation.load(folder), options=options, checkpoints=tmp_path, progress=stop)
+    assert stages[0] == "stream"
+    stages.clear()
+    again = Observation.load(folder)
+    result = identify(again, options=options, checkpoints=tmp_path, progress=lambda stage, _: stages.append(stage))
+    assert set(stages) == {"field"}
+    assert result.object.footprint == pytest.approx(FOOTPRINT, rel=0.15)

@@ -110,7 +110,7 @@ def evaluate_object(path: Path, source: str, out: Path) -> dict[str, object]:
     with SequenceWriter(out / "evaluation.vtkhdf", static=obj.static, attributes=obj.attributes) as writer:
         for t, time in enumerate(observation.time):
             writer.append(float(time), result.y[t], {"observed": observation.points[t]})
-    save_picture(error_map(obj.x, result.per_point_mm, title="Mean error of each point"), out / "error.png")
+    save_picture(error_map(obj.x, result.per_point_mm, title="Mean error of each point", up=obj.up), out / "error.png")
     write_json_atomic(out / "metrics.json", metrics)
     console.print(f"The simulation is {table.mean_mm:.2f} mm from the measurement on average.")
     return metrics
@@ -141,7 +141,7 @@ def simulate_object(
     with SequenceWriter(out / "simulation.vtkhdf", static=obj.static, attributes=obj.attributes) as writer:
         for t in range(steps):
             writer.append(float(ramp[t]), result.y[t], {"displacement": result.y[t] - obj.x})
-    animation(result.y, moved, out / "motion.mp4", label="mm", title="Displacement")
+    animation(result.y, moved, out / "motion.mp4", label="mm", title="Displacement", up=obj.up)
     metrics = {
         "status": result.sentence, "converged": result.converged, "residual": result.residual.tolist(),
         "largest_displacement_mm": float(moved.max()), "force_scale_known": obj.force_scale_known,
@@ -155,18 +155,19 @@ def render_object(path: Path, out: Path) -> list[Path]:
     """`veo render`: the object's maps, a turntable, and its stored motion."""
     writable_folder(out)
     obj = VirtualElasticObject.load(path)
+    up = obj.up
     pictures = [
-        save_picture(lame_map(obj.x, obj.lame.mu, title="Shear modulus mu"), out / "mu.png"),
-        save_picture(lame_map(obj.x, obj.lame.mu, inside=True, title="mu, cut open"), out / "mu_inside.png"),
-        save_picture(lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam"), out / "lam.png"),
-        save_picture(sensitivity_map(obj.x, obj.static["sensitivity"]), out / "sensitivity.png"),
-        turntable(obj.x, obj.lame.mu / 1e3, out / "mu.mp4", label="kPa", title="Shear modulus mu", log=True),
+        save_picture(lame_map(obj.x, obj.lame.mu, title="Shear modulus mu", up=up), out / "mu.png"),
+        save_picture(lame_map(obj.x, obj.lame.mu, inside=True, title="mu, cut open", up=up), out / "mu_inside.png"),
+        save_picture(lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam", up=up), out / "lam.png"),
+        save_picture(sensitivity_map(obj.x, obj.static["sensitivity"], up=up), out / "sensitivity.png"),
+        turntable(obj.x, obj.lame.mu / 1e3, out / "mu.mp4", label="kPa", title="Shear modulus mu", log=True, up=up),
     ]
     stored = read_sequence(path / "object.vtkhdf" if path.is_dir() else path)
     if len(stored.time) > 1:
         moved = 1e3 * np.linalg.norm(stored.points - obj.x, axis=2)
         film = animation(
-            stored.points, moved, out / "motion.mp4", label="mm", title="Simulated motion", time=stored.time
+            stored.points, moved, out / "motion.mp4", label="mm", title="Simulated motion", time=stored.time, up=up
         )
         pictures.append(film)
     return pictures

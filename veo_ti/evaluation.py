@@ -14,6 +14,7 @@ from sim.terms.loads import AppliedForce
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import air, energy_of, target_of
+from veo_ti.stream import as_wide, unmeasured
 
 NEWTON = NewtonOptions(tolerance=1e-5)  # as in the fit: soft patches take long to get further
 _SETTLED = 5e-3  # of a frame's largest force: how far a jet's forces may still change with the surface they blow on
@@ -53,8 +54,13 @@ class Evaluation:
 
 
 def evaluate(obj: VirtualElasticObject, observation: Observation) -> Evaluation:
-    """Simulate the object from rest under the measured loads and compare; ValueError when the points differ."""
+    """Simulate the object from rest under the measured loads and compare; ValueError when the points differ.
+
+    An air stream that nobody measured is as wide as the one that the object was identified with.
+    """
     require(len(obj.x) == len(observation.fixed), "observation", "have the object's points", observation.points.shape)
+    if obj.footprint is not None and unmeasured(observation):
+        observation = as_wide(observation, obj.footprint)
     energy = energy_of(observation, obj.cloud).with_elastic(obj.elastic)
     return judged(observation, energy, np.repeat(obj.x[None], len(observation.time), axis=0))
 

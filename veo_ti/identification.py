@@ -14,11 +14,11 @@ from sim.energy import Energy
 from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
 from veo_ti.checkpoint import read_state, write_state
 from veo_ti.evaluation import Evaluation, judged, unmoved
-from veo_ti.kept import key_of
+from veo_ti.kept import kept, key_of
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
-from veo_ti.stream import with_footprint
+from veo_ti.stream import as_wide, find_footprint, unmeasured
 
 _FEW = 12  # frames on which one homogeneous material is found before all are taken
 Progress = Callable[[str, FitState], None]
@@ -103,9 +103,8 @@ def identify(
     cloud, key = cloud_of(observation, options.cloud), _key(observation, options)
     train, held_out = observation.split(options.every)
     few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
-    observation = with_footprint(
-        observation, cloud, train[few], options.fit.homogeneous, partial(progress, "stream") if progress else None
-    )
+    if unmeasured(observation):
+        observation = as_wide(observation, _width(observation, cloud, train[few], options, checkpoints, key, progress))
     energy, target = energy_of(observation, cloud), target_of(observation)
     stage = _Stage(energy.frames(train), target.frames(train), checkpoints, key, progress)
     rest = np.repeat(cloud.x[None], len(train), axis=0)
@@ -154,6 +153,19 @@ class _Stage:
         )
 
 
+def _width(
+    observation: Observation, cloud: RestCloud, frames: np.ndarray, options: IdentifyOptions, folder: Path | None,
+    key: str, progress: Progress | None,
+) -> float:  # fmt: skip
+    """The width of an air stream that nobody measured [m]; kept like the fits, for a call that goes on from there."""
+
+    def find() -> dict[str, np.ndarray]:
+        after = partial(progress, "stream") if progress else None
+        return {"width": np.array(find_footprint(observation, cloud, frames, options.fit.homogeneous, after))}
+
+    return float((kept(folder / "checkpoint_stream.npz", key, find) if folder else find())["width"])
+
+
 def _everywhere(observation: Observation, energy: Energy, result: Fit, train: np.ndarray) -> Evaluation:
     """The fitted material on every frame; held-out frames start from the nearest training frame's solution."""
     frames = np.arange(len(observation.time))
@@ -171,6 +183,7 @@ def _object(observation: Observation, cloud: RestCloud, result: Fit, options: Id
         x=cloud.x, lame=result.lame, volume=cloud.volume, fixed=observation.fixed, surface=cloud.surface,
         determined=result.determined, mass=observation.mass, gravity=observation.gravity,
         force_scale_known=observation.force_scale_known, options=options.cloud, name=observation.name,
+        footprint=observation.jet.footprint if unmeasured(observation) else None, up=observation.up,
     )  # fmt: skip
 
 

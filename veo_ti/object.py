@@ -24,7 +24,8 @@ class VirtualElasticObject:
     """Everything a simulation needs of an object, in SI units.
 
     determined (N,): share of the uncertainty of log mu that data removed, 0 where the value is a guess.
-    With force_scale_known False the moduli are right up to one common factor only.
+    With force_scale_known False the moduli are right up to one common factor only. footprint [m]: of an air stream
+    that nobody measured, as identified with the material. up: direction that pictures show upwards.
     """
 
     x: np.ndarray  # (N, 3) [m]
@@ -36,6 +37,8 @@ class VirtualElasticObject:
     mass: float | None = None  # [kg]
     gravity: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) [m/s2] in the rest pose
     force_scale_known: bool = True
+    footprint: float | None = None
+    up: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     options: CloudOptions = field(default_factory=CloudOptions)
     name: str = ""
 
@@ -101,7 +104,7 @@ class VirtualElasticObject:
         """What is stored of the object besides arrays."""
         return {
             "mass": self.mass, "gravity": self.gravity.tolist(), "force_scale_known": self.force_scale_known,
-            "name": self.name, "options": asdict(self.options),
+            "footprint": self.footprint, "up": self.up.tolist(), "name": self.name, "options": asdict(self.options),
         }  # fmt: skip
 
     def save(self, path: str | Path) -> Path:
@@ -126,5 +129,6 @@ class VirtualElasticObject:
             x=s["x"], lame=Lame(mu=s["mu"], lam=s["lam"]), volume=s["volume"], fixed=s["fixed"].astype(bool),
             surface=s["surface"].astype(bool), determined=s.get("sensitivity"), mass=a.get("mass"),
             gravity=np.asarray(a.get("gravity", [0.0, 0.0, 0.0])), force_scale_known=a.get("force_scale_known", True),
+            footprint=a.get("footprint"), up=np.asarray(a.get("up", [0.0, 0.0, 1.0])),
             options=CloudOptions(**a.get("options", {})), name=a.get("name", ""),
         )  # fmt: skip

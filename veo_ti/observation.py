@@ -32,6 +32,7 @@ class Observation:
     volume: np.ndarray | None = None  # (N,) [m3]
     mass: float | None = None  # [kg]
     gravity: np.ndarray | None = None  # (3,) [m/s2]; default zeros
+    up: np.ndarray | None = None  # (3,) in pictures; default against gravity, z where there is none
     handles: np.ndarray | None = None  # (N,) bool, led by strings; default none
     observed: np.ndarray | None = None  # (T, N) bool; default all
     sigma: float | np.ndarray | None = None  # () or (T, N) [m], known noise
@@ -52,6 +53,7 @@ class Observation:
         self._set("volume", (points,))
         self._set("mass", ())
         self._set("gravity", (3,), default=np.zeros(3))
+        self._set("up", (3,), default=-self.gravity if self.gravity.any() else np.array([0.0, 0.0, 1.0]))
         self._set("sigma", (frames, points) if np.ndim(self.sigma) else ())
         self._set("held_out", (frames,), bool)
         object.__setattr__(self, "jet", _sound_jet(self.jet, frames))
@@ -80,6 +82,7 @@ class Observation:
         pushed = self.forces is None or bool(self.forces.any())
         check_holding(self.fixed, self.handles, self.surface, pushed)
         check_loads(self.forces, None if self.jet is None else self.jet.force, self.gravity, self.handles)
+        require(self.up.any(), "up", "have a length", self.up)
         check_amounts(self.volume, self.mass, self.sigma)
         return self
 

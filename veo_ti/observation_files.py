@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 REQUIRED = ("points", "time", "fixed")
 JET_KEYS = ("nozzle_position", "nozzle_direction", "nozzle_force", "nozzle_footprint")
 OPTIONAL = ("forces", "surface", "volume", "mass", "gravity", "handles", "observed", "sigma", *JET_KEYS)
-NATIVE = ("held_out", "force_scale_known", "name")  # kept by .vtkhdf only
+NATIVE = ("held_out", "force_scale_known", "name", "up")  # kept by .vtkhdf only
 
 PLUSH_FRAME_RATE = 40.0  # [1/s], the paper's section "PLUSH Dataset"
+PLUSH_UP = np.array([0.0, 1.0, 0.0])  # its world is the first camera's, with y upwards in the picture
 PLUSH_FOOTPRINT = 0.02  # [m]; the dataset does not tell: about the width of the stream where it meets the object
 PLUSH_MOST_FRAMES = 400  # taken from a folder without simInfo.pt, which would choose them
 PLUSH_MOST_POINTS = 5000
@@ -110,6 +111,7 @@ def plush_keys(folder: "PlushFolder") -> dict[str, object]:
         "nozzle_footprint": PLUSH_FOOTPRINT,
         "held_out": held_out,
         "force_scale_known": False,
+        "up": PLUSH_UP,
         "name": folder.path.name,
     }
 

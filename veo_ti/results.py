@@ -75,19 +75,18 @@ def _write_object(result: Identification, observation: Observation, metrics: dic
 
 def _pictures(result: Identification, observation: Observation, folder: Path) -> dict[str, Path]:
     obj, model = result.object, result.model
-    up = -obj.gravity if obj.gravity.any() else np.array([0.0, 0.0, 1.0])
     shown = int(np.argmax(np.where(model.converged, result.rest.per_frame_mm, -1.0)))
     held = np.isin(np.arange(len(observation.time)), result.held_out)
     load = np.linalg.norm(forces_of(observation, obj.cloud), axis=2).sum(axis=1)
     error = 1e3 * np.linalg.norm(model.target.residual(model.y)[shown], axis=1)
     drawn = {
-        "mu": lame_map(obj.x, obj.lame.mu, title="Shear modulus mu", up=up),
-        "lam": lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam", up=up),
-        "sensitivity": sensitivity_map(obj.x, result.fit.determined, up=up),
-        "error": error_map(obj.x, model.per_point_mm, title="Mean error of each point", up=up),
+        "mu": lame_map(obj.x, obj.lame.mu, title="Shear modulus mu", up=obj.up),
+        "lam": lame_map(obj.x, obj.lame.lam, title="First Lame parameter lam", up=obj.up),
+        "sensitivity": sensitivity_map(obj.x, result.fit.determined, up=obj.up),
+        "error": error_map(obj.x, model.per_point_mm, title="Mean error of each point", up=obj.up),
         "motion": frames_strip(
             np.stack([obj.x, model.y[shown]]), np.stack([np.zeros(len(obj.x)), error]), label="mm",
-            captions=["at rest", f"simulated, t = {observation.time[shown]:.2f} s"], title="Largest motion", up=up,
+            captions=["at rest", f"simulated, t = {observation.time[shown]:.2f} s"], title="Largest motion", up=obj.up,
         ),
     }  # fmt: skip
     paths = {name: save_picture(plotter, folder / f"{name}.png") for name, plotter in drawn.items()}
@@ -96,7 +95,7 @@ def _pictures(result: Identification, observation: Observation, folder: Path) ->
         1e3 * result.fit.state.sigma * np.sqrt(8 / np.pi), folder / "error_over_time.png", load=load,
     )  # fmt: skip
     paths["turntable"] = turntable(
-        obj.x, obj.lame.mu / 1e3, folder / "mu.mp4", label="kPa", title="Shear modulus mu", log=True, up=up
+        obj.x, obj.lame.mu / 1e3, folder / "mu.mp4", label="kPa", title="Shear modulus mu", log=True, up=obj.up
     )
     return paths
 

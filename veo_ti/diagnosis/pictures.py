@@ -36,12 +36,12 @@ def residual_map(diagnosis: Diagnosis) -> pv.Plotter:
     scene = diagnosis.baseline.scene
     x, before = scene.cloud.x, per_point_mm(scene, diagnosis.baseline.shown)
     if not diagnosis.named:
-        return error_map(x, before, title="Mean distance from the measurement", up=_up(diagnosis))
+        return error_map(x, before, title="Mean distance from the measurement", up=diagnosis.identification.object.up)
     after = per_point_mm(scene, diagnosis.final.shown)
     names = " and ".join(c.name.replace("_", " ") for c in diagnosis.named)
     return frames_strip(
         np.stack([x, x]), np.stack([before, after]), label="mm", captions=["before", f"with {names}"],
-        title="Mean distance from the measurement", up=_up(diagnosis),
+        title="Mean distance from the measurement", up=diagnosis.identification.object.up,
     )  # fmt: skip
 
 
@@ -123,7 +123,7 @@ def missing_force_picture(diagnosis: Diagnosis) -> pv.Plotter:
     variance = diagnosis.noise.sigma**2 * diagnosis.noise.correlation
     found = missing_force(diagnosis.identification, scene, shown, variance, frame)
     residual = 1e3 * np.linalg.norm(scene.target.residual(shown)[frame], axis=1)
-    return force_picture(scene, found, residual, _up(diagnosis))
+    return force_picture(scene, found, residual, diagnosis.identification.object.up)
 
 
 def force_picture(scene: Scene, found: MissingForce, residual_mm: np.ndarray, up: np.ndarray) -> pv.Plotter:
@@ -167,11 +167,6 @@ def draw_all(diagnosis: Diagnosis, folder: Path) -> dict[str, Path]:
     if diagnosis.gain is not None:
         paths["gain"] = gain(diagnosis, folder / "gain.png")
     return paths
-
-
-def _up(diagnosis: Diagnosis) -> np.ndarray:
-    gravity = diagnosis.identification.object.gravity
-    return -gravity if gravity.any() else np.array([0.0, 0.0, 1.0])
 
 
 def _dress(axes: Axes, title: str) -> None:
