@@ -1,7 +1,7 @@
 """Batched Newton: the equilibrium of every frame at once (paper "Quasistatic Simulation")."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
 
@@ -93,6 +93,7 @@ class LinearSolver:
     layout: Layout
     aggregates: Aggregates
     direct: bool
+    kept: Preconditioner | None = None  # of one state, for all others
 
     @classmethod
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
@@ -103,8 +104,14 @@ class LinearSolver:
         return cls(layout=Layout(pattern=pattern), aggregates=aggregates, direct=direct)
 
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
-        """A fresh preconditioner at the tangent's own state."""
+        """A fresh preconditioner at the tangent's own state, unless one is kept."""
+        if self.kept is not None:
+            return self.kept
         return DirectFactors.of(tangent, self.layout) if self.direct else TwoLevel.of(tangent, self.aggregates)
+
+    def near(self, tangent: Tangent) -> "LinearSolver":
+        """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""
+        return replace(self, kept=self.preconditioner(tangent))
 
 
 def equilibrate(
