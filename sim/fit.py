@@ -13,7 +13,7 @@ from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, 
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
-from sim.sensitivity import sensitivities
+from sim.sensitivity import parameter_forces, responses
 
 _PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
 
@@ -150,14 +150,23 @@ def _objective(target: Target, basis: Basis, state: FitState, factor: float = 1.
     return float(data / factor + (state.a**2 / basis.prior(state.length, state.amplitude)).sum() / 2)
 
 
-def normal_equations(energy: Energy, target: Target, basis: Basis, state: FitState) -> list[Normal]:
-    """The linearised data of each frame at a state: A = J^T J, b = J^T (r + J a), c = |r + J a|^2."""
+def normal_equations(
+    energy: Energy, target: Target, basis: Basis, state: FitState, more: np.ndarray | None = None
+) -> list[Normal]:
+    """The linearised data of each frame at a state: A = J^T J, b = J^T (r + J a), c = |r + J a|^2.
+
+    more (T, L, N, 3) [N]: what the loads would change by with L parameters that follow the coefficients, now zero.
+    """
     lame = basis.lame(state.a)
     moved = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
+    more = np.zeros((len(state.y), 0, *state.y.shape[1:])) if more is None else more
+    soft = parameter_forces(moved, state.y, basis.directions(lame))
+    answers = responses(moved, state.y, lambda index: np.concatenate([soft(index), more[index]], axis=1))
+    a = np.concatenate([state.a, np.zeros(more.shape[1])])
     residual, frames = target.residual(state.y), []
-    for t, S in enumerate(sensitivities(moved, state.y, basis.directions(lame))):
+    for t, S in enumerate(answers):
         J = S[:, target.seen[t]].reshape(len(S), -1)
-        z = residual[t, target.seen[t]].ravel() + state.a @ J
+        z = residual[t, target.seen[t]].ravel() + a @ J
         frames.append(Normal(A=J @ J.T, b=J @ z, c=float(z @ z), count=z.size))
     return frames
 

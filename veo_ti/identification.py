@@ -104,7 +104,8 @@ def identify(
     train, held_out = observation.split(options.every)
     few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
     if unmeasured(observation):
-        observation = as_wide(observation, _width(observation, cloud, train[few], options, checkpoints, key, progress))
+        width = _width(observation.frames(train[few]), cloud, options, checkpoints, key, progress)
+        observation = as_wide(observation, width)
     energy, target = energy_of(observation, cloud), target_of(observation)
     stage = _Stage(energy.frames(train), target.frames(train), checkpoints, key, progress)
     rest = np.repeat(cloud.x[None], len(train), axis=0)
@@ -154,14 +155,14 @@ class _Stage:
 
 
 def _width(
-    observation: Observation, cloud: RestCloud, frames: np.ndarray, options: IdentifyOptions, folder: Path | None,
-    key: str, progress: Progress | None,
+    observation: Observation, cloud: RestCloud, options: IdentifyOptions, folder: Path | None, key: str,
+    progress: Progress | None,
 ) -> float:  # fmt: skip
     """The width of an air stream that nobody measured [m]; kept like the fits, for a call that goes on from there."""
 
     def find() -> dict[str, np.ndarray]:
         after = partial(progress, "stream") if progress else None
-        return {"width": np.array(find_footprint(observation, cloud, frames, options.fit.homogeneous, after))}
+        return {"width": np.array(find_footprint(observation, cloud, options.fit, after))}
 
     return float((kept(folder / "checkpoint_stream.npz", key, find) if folder else find())["width"])
 

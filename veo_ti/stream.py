@@ -1,19 +1,23 @@
-"""How wide an air stream is that nobody measured: what one homogeneous material under it says."""
+"""How wide an air stream is that nobody measured: found together with a coarse material field under it."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-from sim.basis import FitOptions
+from sim.basis import Basis, FitOptions
 from sim.cloud import RestCloud
-from sim.fit import FitState, fit, guess_modulus
+from sim.evidence import Normal, posterior
+from sim.fit import FitState, fit, guess_modulus, normal_equations
 from veo_ti.observation import Observation
-from veo_ti.scene import energy_of, target_of
+from veo_ti.scene import energy_of, forces_of, target_of
 
-_NARROWEST, _WIDEST = 0.4, 3.0  # of the width that was assumed
-_SURE = 0.1  # of a width, to which it is sought: data of one nozzle distance tell no more
+_MODES = 8  # of the material meanwhile: under one homogeneous material the width would take over for what varies
+_BETWEEN = 2  # steps of the material between two of the width
+_ROUNDS = 10
+_SURE = 0.02  # of a width, by which the last step may change it
+_FURTHEST = 0.4  # natural logarithm, that one step may go
+_SMALL = 0.05  # and step of the finite difference
 
 
 def unmeasured(observation: Observation) -> bool:
@@ -27,26 +31,29 @@ def as_wide(observation: Observation, footprint: float) -> Observation:
 
 
 def find_footprint(
-    observation: Observation, cloud: RestCloud, frames: np.ndarray, options: FitOptions,
+    observation: Observation, cloud: RestCloud, options: FitOptions,
     progress: Callable[[FitState], None] | None = None,
 ) -> float:  # fmt: skip
-    """How wide the jet of the measurement is [m], as the chosen frames say.
+    """How wide the jet of the measurement is [m].
 
     A recording tells where the nozzle was and where it pointed, not how wide its stream is where it meets the object.
-    That width and one homogeneous material are those of the least residual.
+    Steps of the material alternate with Gauss-Newton steps of the width in which the material follows.
     """
-    target = target_of(observation).frames(frames)
-    mu = guess_modulus(energy_of(observation, cloud).frames(frames), target)
-    last: list[FitState] = []
-
-    def residual(log_width: float) -> float:
-        energy = energy_of(as_wide(observation, float(np.exp(log_width))), cloud).frames(frames)
-        start = last[-1].y if last else np.repeat(cloud.x[None], len(frames), axis=0)
-        guess = last[-1].a if last else None
-        found = fit(energy, target, start, mu=mu, options=options, guess=guess, progress=progress)
-        last.append(found.state)
-        return target.rms(found.state.y)
-
-    assumed = np.log(observation.jet.footprint)
-    bounds = assumed + np.log([_NARROWEST, _WIDEST])
-    return float(np.exp(minimize_scalar(residual, bounds=bounds, method="bounded", options={"xatol": _SURE}).x))
+    options = replace(options, modes=min(options.modes, _MODES), iterations=_BETWEEN)
+    target, width = target_of(observation), observation.jet.footprint
+    y, a = np.repeat(cloud.x[None], len(observation.time), axis=0), None
+    mu = guess_modulus(energy_of(observation, cloud), target)
+    basis = Basis.of(cloud, options, mu)
+    for _ in range(_ROUNDS):
+        energy = energy_of(as_wide(observation, width), cloud)
+        state = fit(energy, target, y, mu=mu, options=options, guess=a, progress=progress).state
+        wider, narrower = (forces_of(as_wide(observation, width * np.exp(s)), cloud) for s in (_SMALL, -_SMALL))
+        normal = Normal.sum(
+            normal_equations(energy, target, basis, state, (wider - narrower)[:, None] / (2 * _SMALL))
+        )
+        prior = np.append(basis.prior(state.length, state.amplitude), 1.0)
+        step = float(np.clip(posterior(normal, prior, state.sigma).mean[-1], -_FURTHEST, _FURTHEST))
+        width, y, a = width * float(np.exp(step)), state.y, state.a
+        if abs(step) < _SURE:
+            break
+    return width
