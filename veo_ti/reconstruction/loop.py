@@ -46,7 +46,7 @@ def run_recording(folder: Path, out: Path, choice: ReconstructChoice, *, modes: 
     with waiting("reconstruct") as say:
         facts = reconstruct_folder(folder, cloud, choice, say)
     console.print(facts["sentence"])
-    observation = _observed(cloud)
+    observation = _observed(cloud, folder.resolve().name)
     driven = driven_frames(observation)
     left = _numbers(np.delete(observation.time, driven))
     if left:
@@ -73,11 +73,11 @@ def run_recording(folder: Path, out: Path, choice: ReconstructChoice, *, modes: 
     return found
 
 
-def _observed(cloud: Path) -> Observation:
+def _observed(cloud: Path, name: str) -> Observation:
     """The 4D cloud as a measurement, perhaps thinned; which points are surface, the PLUSH layout does not hold."""
     observation, stored = Observation.load(str(cloud)), read_sequence(cloud / CLOUD)
     same = cKDTree(stored.points[0]).query(observation.points[0])[1]
-    return replace(observation, surface=stored.static["surface"].astype(bool)[same])
+    return replace(observation, surface=stored.static["surface"].astype(bool)[same], name=name)
 
 
 def _tables(
