@@ -15,6 +15,7 @@ from benchmarks.reconstruction_rows import (
     object_rows,
     picture_row,
     timed,
+    truth_row,
 )
 from benchmarks.table import Row, publish, report
 from recon.radiance.extraction import ExtractOptions, extract
@@ -22,7 +23,7 @@ from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.motion import SHAPES
 from recon.rig.options import RigOptions
-from recon.rig.truth import lend_mattes
+from recon.rig.truth import lend_mattes, read_truth
 from veo_ti.reconstruction.loop import run_recording
 from veo_ti.reconstruction.run import ReconstructChoice
 
@@ -120,7 +121,7 @@ def loop_rows(place: Path, plan: Plan, shape: str) -> list[Row]:
     found = run_recording(folder, out, plan.choice, modes=plan.modes, every=plan.every)
     size = f"{plan.loop.cameras} cameras, {plan.loop.frames} frames, {plan.choice.resolution} pixels"
     took = Row(what=f"`veo run`, {shape} ({size})", figure=f"{time.perf_counter() - begin:.0f} s")
-    return [took, *object_rows(shape, found, out)]
+    return [took, *object_rows(shape, found, out), truth_row(shape, found, out, read_truth(folder))]
 
 
 def _moving(place: Path, plan: Plan) -> tuple[Filmed, str]:

@@ -18,8 +18,10 @@ from recon.radiance.training import Trained, TrainOptions, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
 from sim.terms.shapes import Mesh
+from veo_ti.observation_files import PLUSH_FRAME_RATE
 from veo_ti.reconstruction.rerender import Rerenderer
 from veo_ti.reconstruction.run import ReconstructChoice, capture_of, judged_frames, judging_views
+from veo_ti.store import read_sequence
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,3 +178,19 @@ def object_rows(shape: str, found: dict, out: Path) -> list[Row]:
             figure=f"{shown:.1f} and {simulated:.1f} dB", target="at most 0.3 dB apart",
             reached=shown - simulated <= 0.3),
     ]  # fmt: skip
+
+
+def truth_row(shape: str, found: dict, out: Path, truth: Truth) -> Row:
+    """How far simulated and reconstructed surface points are from the truth in held-out frames."""
+    stored, frames = read_sequence(out / "material" / "object.vtkhdf"), found["material"]["frames"]
+    rest, judged = stored.static["x"], stored.static["surface"].astype(bool) & ~stored.static["fixed"].astype(bool)
+    off = []
+    for t in frames["held_out"] or frames["training"][1:]:
+        true = truth.warp(rest, round(stored.time[t] * PLUSH_FRAME_RATE))
+        pair = stored.points[t], stored.point_data["observed"][t]
+        off.append([np.linalg.norm(points - true, axis=1)[judged].mean() for points in pair])
+    simulated, reconstructed = 1e3 * np.mean(off, axis=0)
+    return Row(
+        what=f"The same frames, {shape}: mean distance from where these points truly went, simulated and reconstructed",
+        figure=f"{simulated:.2f} and {reconstructed:.2f} mm",
+    )  # fmt: skip

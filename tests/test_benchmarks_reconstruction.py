@@ -8,12 +8,23 @@ import pytest
 import torch
 
 from benchmarks.reconstruction import FULL, QUICK, sections
-from benchmarks.reconstruction_rows import Filmed, Work, cloud_rows, correspondence_row, inside_of, judged, object_rows
+from benchmarks.reconstruction_rows import (
+    Filmed,
+    Work,
+    cloud_rows,
+    correspondence_row,
+    inside_of,
+    judged,
+    object_rows,
+    truth_row,
+)
 from recon.plush.reconstruction_writer import write_reconstruction
 from recon.radiance.extraction import Cloud4D
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes
+from veo_ti.observation_files import PLUSH_FRAME_RATE
+from veo_ti.store import Sequence, writable_folder, write_sequence
 
 OPTIONS = RigOptions(shape="pillow", cameras=7, frames=3, size=96, greys=False)
 
@@ -79,6 +90,20 @@ def test_tables_are_read_from_what_the_loop_found(tmp_path):
     }
     first, second = object_rows("leaf", found, tmp_path)
     assert "0.50, 1.00, 2.00 mm" in first.figure and second.reached is False
+
+
+def test_points_are_held_against_the_truth_of_their_own_frame(filmed, tmp_path):
+    """Simulated as is true, reconstructed 1 mm off; a fixed point, which is 1 m off, does not count."""
+    rest = filmed.truth.rest[filmed.truth.surface][:50]
+    frames = np.array([0, 2])
+    true = np.stack([filmed.truth.warp(rest, f) for f in frames])
+    off = true + np.array([0.001, 0.0, 0.0])
+    off[:, 0] += 1.0
+    static = {"x": rest, "surface": np.ones(50, bool), "fixed": np.arange(50) == 0}
+    stored = Sequence(time=frames / PLUSH_FRAME_RATE, points=true, point_data={"observed": off}, static=static)
+    write_sequence(writable_folder(tmp_path / "material") / "object.vtkhdf", stored)
+    found = {"material": {"frames": {"held_out": [1], "training": [0]}}}
+    assert truth_row("leaf", found, tmp_path, filmed.truth).figure == "0.00 and 1.00 mm"
 
 
 def test_quick_and_full_measure_the_same(tmp_path):
