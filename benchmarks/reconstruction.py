@@ -14,6 +14,7 @@ from benchmarks.reconstruction_rows import (
     correspondence_row,
     object_rows,
     picture_row,
+    stiffness_row,
     timed,
     truth_row,
 )
@@ -121,7 +122,9 @@ def loop_rows(place: Path, plan: Plan, shape: str) -> list[Row]:
     found = run_recording(folder, out, plan.choice, modes=plan.modes, every=plan.every)
     size = f"{plan.loop.cameras} cameras, {plan.loop.frames} frames, {plan.choice.resolution} pixels"
     took = Row(what=f"`veo run`, {shape} ({size})", figure=f"{time.perf_counter() - begin:.0f} s")
-    return [took, *object_rows(shape, found, out), truth_row(shape, found, out, read_truth(folder))]
+    truth = read_truth(folder)
+    held = truth_row(shape, found, out, truth), stiffness_row(shape, out, truth)
+    return [took, *object_rows(shape, found, out), *held]
 
 
 def _moving(place: Path, plan: Plan) -> tuple[Filmed, str]:

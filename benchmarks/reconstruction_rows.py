@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from benchmarks.table import Row
 from recon.plush.reconstruction import read_plush
@@ -18,6 +19,7 @@ from recon.radiance.training import Trained, TrainOptions, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
 from sim.terms.shapes import Mesh
+from veo_ti.object import VirtualElasticObject
 from veo_ti.observation_files import PLUSH_FRAME_RATE
 from veo_ti.reconstruction.rerender import Rerenderer
 from veo_ti.reconstruction.run import ReconstructChoice, capture_of, judged_frames, judging_views
@@ -194,3 +196,16 @@ def truth_row(shape: str, found: dict, out: Path, truth: Truth) -> Row:
         what=f"The same frames, {shape}: mean distance from where these points truly went, simulated and reconstructed",
         figure=f"{simulated:.2f} and {reconstructed:.2f} mm",
     )  # fmt: skip
+
+
+def stiffness_row(shape: str, out: Path, truth: Truth) -> Row:
+    """Whether points are stiff where the body truly is: forces are known up to scale, so a common factor is free."""
+    obj = VirtualElasticObject.load(out / "material")
+    free = ~obj.fixed
+    true = truth.mu[cKDTree(truth.rest).query(obj.x[free])[1]]
+    agree = np.corrcoef(np.log(true), np.log(obj.lame.mu[free]))[0, 1]
+    found, given = (np.diff(np.quantile(np.log10(m), (0.05, 0.95)))[0] for m in (obj.lame.mu[free], true))
+    return Row(
+        what=f"Material, {shape}: correlation of log mu with the truth, and decades that nine points in ten span",
+        figure=f"{agree:.2f}; {found:.1f} (truth {given:.1f})",
+    )

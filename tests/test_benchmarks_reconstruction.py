@@ -16,6 +16,7 @@ from benchmarks.reconstruction_rows import (
     inside_of,
     judged,
     object_rows,
+    stiffness_row,
     truth_row,
 )
 from recon.plush.reconstruction_writer import write_reconstruction
@@ -23,6 +24,8 @@ from recon.radiance.extraction import Cloud4D
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes
+from sim.lame import Lame
+from veo_ti.object import VirtualElasticObject
 from veo_ti.observation_files import PLUSH_FRAME_RATE
 from veo_ti.store import Sequence, writable_folder, write_sequence
 
@@ -104,6 +107,18 @@ def test_points_are_held_against_the_truth_of_their_own_frame(filmed, tmp_path):
     write_sequence(writable_folder(tmp_path / "material") / "object.vtkhdf", stored)
     found = {"material": {"frames": {"held_out": [1], "training": [0]}}}
     assert truth_row("leaf", found, tmp_path, filmed.truth).figure == "0.00 and 1.00 mm"
+
+
+def test_stiffness_is_compared_up_to_a_factor(filmed, tmp_path):
+    truth = filmed.truth
+    x, mu = truth.rest[::3], 7 * truth.mu[::3]
+    obj = VirtualElasticObject(
+        x=x, lame=Lame(mu=mu, lam=mu), volume=np.ones(len(x)), fixed=np.zeros(len(x), bool),
+        surface=np.ones(len(x), bool),
+    )  # fmt: skip
+    obj.save(writable_folder(tmp_path / "material") / "object.vtkhdf")
+    agree, spans, given = map(float, re.findall(r"[\d.]+", stiffness_row("leaf", tmp_path, truth).figure))
+    assert agree == 1 and spans == pytest.approx(given, abs=0.11)
 
 
 def test_quick_and_full_measure_the_same(tmp_path):
