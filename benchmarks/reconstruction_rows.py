@@ -183,14 +183,15 @@ def object_rows(shape: str, found: dict, out: Path) -> list[Row]:
 
 
 def truth_row(shape: str, found: dict, out: Path, truth: Truth) -> Row:
-    """How far simulated and reconstructed surface points are from the truth in held-out frames."""
+    """How far simulated and reconstructed surface points that lie in the true body are from the truth, held out."""
     stored, frames = read_sequence(out / "material" / "object.vtkhdf"), found["material"]["frames"]
-    rest, judged = stored.static["x"], stored.static["surface"].astype(bool) & ~stored.static["fixed"].astype(bool)
-    off = []
+    surface, fixed = (stored.static[name].astype(bool) for name in ("surface", "fixed"))
+    judged = surface & ~fixed & inside_of(truth, stored.static["x"], slack=0.0)
+    rest, off = stored.static["x"][judged], []
     for t in frames["held_out"] or frames["training"][1:]:
         true = truth.warp(rest, round(stored.time[t] * PLUSH_FRAME_RATE))
         pair = stored.points[t], stored.point_data["observed"][t]
-        off.append([np.linalg.norm(points - true, axis=1)[judged].mean() for points in pair])
+        off.append([np.linalg.norm(points[judged] - true, axis=1).mean() for points in pair])
     simulated, reconstructed = 1e3 * np.mean(off, axis=0)
     return Row(
         what=f"The same frames, {shape}: mean distance from where these points truly went, simulated and reconstructed",
