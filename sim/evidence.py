@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+_Choice = tuple[float, float, float]  # length, amplitude, noise
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Normal:
@@ -55,12 +57,8 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
 
 def left_out(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
     """Squared error (B,) of each part of the data under coefficients that the other parts chose."""
-    whole, errors = Normal.sum(parts), []
-    for p in parts:
-        rest = Normal(A=whole.A - p.A, b=whole.b - p.b, c=0.0, count=0.0)
-        m = posterior(rest, prior, sigma).mean
-        errors.append(p.c - 2 * m @ p.b + m @ p.A @ m)
-    return np.array(errors)
+    means = _means_without_each(parts, prior, sigma)
+    return np.array([p.c - 2 * m @ p.b + m @ p.A @ m for p, m in zip(parts, means, strict=True)])
 
 
 def jackknife(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
@@ -69,10 +67,14 @@ def jackknife(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.nd
     `sd^2 = (B - 1)/B sum_b (mean_b - average)^2` (Tukey 1958). Unlike the posterior's they grow where parts contradict
     one another, as they do when the model is wrong or errors are alike within a part.
     """
+    return np.sqrt((len(parts) - 1) * _means_without_each(parts, prior, sigma).var(axis=0))
+
+
+def _means_without_each(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:
+    """Posterior means (B, K) under all parts but one, each left out in turn."""
     whole = Normal.sum(parts)
     rests = (Normal(A=whole.A - p.A, b=whole.b - p.b, c=0.0, count=0.0) for p in parts)
-    means = np.array([posterior(rest, prior, sigma).mean for rest in rests])
-    return np.sqrt((len(parts) - 1) * means.var(axis=0))
+    return np.array([posterior(rest, prior, sigma).mean for rest in rests])
 
 
 def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8) -> float:
@@ -108,9 +110,6 @@ def best_hyperparameters(parts: Sequence[Normal], basis: Any, state: Any, sigma:
     scores = [posterior(normal, basis.prior(*c), s).evidence for *c, s in choices]
     length, amplitude, level = _smoothest(parts, basis, choices, choices[int(np.argmax(scores))])
     return replace(state, length=length, amplitude=amplitude, sigma=level)
-
-
-_Choice = tuple[float, float, float]  # length, amplitude, noise
 
 
 def _smoothest(parts: Sequence[Normal], basis: Any, choices: Sequence[_Choice], best: _Choice) -> _Choice:

@@ -13,7 +13,7 @@ from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, 
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
-from sim.sensitivity import parameter_forces, responses
+from sim.sensitivity import sensitivities
 
 _PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
 
@@ -159,14 +159,10 @@ def normal_equations(
     """
     lame = basis.lame(state.a)
     moved = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
-    more = np.zeros((len(state.y), 0, *state.y.shape[1:])) if more is None else more
-    soft = parameter_forces(moved, state.y, basis.directions(lame))
-    answers = responses(moved, state.y, lambda index: np.concatenate([soft(index), more[index]], axis=1))
-    a = np.concatenate([state.a, np.zeros(more.shape[1])])
     residual, frames = target.residual(state.y), []
-    for t, S in enumerate(answers):
+    for t, S in enumerate(sensitivities(moved, state.y, basis.directions(lame), more=more)):
         J = S[:, target.seen[t]].reshape(len(S), -1)
-        z = residual[t, target.seen[t]].ravel() + a @ J
+        z = residual[t, target.seen[t]].ravel() + state.a @ J[: len(state.a)]
         frames.append(Normal(A=J @ J.T, b=J @ z, c=float(z @ z), count=z.size))
     return frames
 

@@ -32,6 +32,13 @@ def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> C
     return lambda index: np.stack([-change.gradient(y[index]) for change in changes], axis=1)
 
 
-def sensitivities(energy: Energy, y: np.ndarray, directions: np.ndarray, *, chunk: int = 4) -> Iterator[np.ndarray]:
-    """dy/da of every frame in turn, (K, N, 3), for parameter changes dm/da = directions (K, N, P)."""
-    return responses(energy, y, parameter_forces(energy, y, directions), chunk=chunk)
+def sensitivities(
+    energy: Energy, y: np.ndarray, directions: np.ndarray, *, more: np.ndarray | None = None, chunk: int = 4
+) -> Iterator[np.ndarray]:
+    """dy/da of every frame in turn, (K, N, 3), for parameter changes dm/da = directions (K, N, P).
+
+    more (T, L, N, 3) [N]: forces whose answers follow those, (K + L, N, 3).
+    """
+    own = parameter_forces(energy, y, directions)
+    both = own if more is None else lambda index: np.concatenate([own(index), more[index]], axis=1)
+    return responses(energy, y, both, chunk=chunk)

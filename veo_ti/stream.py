@@ -51,7 +51,7 @@ def find_footprint(
         normal = Normal.sum(
             normal_equations(energy, target, basis, state, (wider - narrower)[:, None] / (2 * _SMALL))
         )
-        prior = np.append(basis.prior(state.length, state.amplitude), 1.0)
+        prior = np.append(basis.prior(state.length, state.amplitude), 1.0)  # hardly any on the width
         step = float(np.clip(posterior(normal, prior, state.sigma).mean[-1], -_FURTHEST, _FURTHEST))
         width, y, a = width * float(np.exp(step)), state.y, state.a
         if abs(step) < _SURE:
