@@ -27,7 +27,7 @@ class Cholmod:
     @classmethod
     def of(cls, energy: Energy) -> "Cholmod":
         """Analyse the pattern of an energy's Hessian."""
-        layout = Layout(pattern=energy.elastic.pattern)
+        layout = Layout.of(energy.elastic)
         template = layout.template[0]
         column = np.repeat(np.arange(template.shape[0]), np.diff(template.indptr))
         lower = np.flatnonzero(template.indices >= column)

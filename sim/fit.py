@@ -123,7 +123,7 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     require(bool(right.any()), "loads", "act on a point that may move in at least one frame of the fit", "none")
     largest = np.argmax((right**2).sum(axis=(1, 2)), keepdims=True)
     tangent = energy.frames(largest).tangent(rest[:1])
-    u = solve_directly(tangent, Layout(pattern=energy.elastic.pattern), right[None])[0]
+    u = solve_directly(tangent, Layout.of(energy.elastic), right[None])[0]
     u = np.where(target.seen[..., None], u, 0.0)
     scale = (u * target.residual(rest)).sum() / (u**2).sum()
     return mu / max(float(scale), 1e-6)

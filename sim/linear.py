@@ -10,9 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
+from sim.elastic import Elastic
 from sim.energy import Tangent
+from sim.multifrontal import Cholesky, Dissection
 from sim.pattern import Pattern
 from sim.runtime import serial_blas
+
+_THREADS = 2
 
 
 class Preconditioner(Protocol):
@@ -83,9 +87,15 @@ def _dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """How blocks on a pattern become the arrays of a scalar compressed-column matrix."""
+    """How blocks on a pattern of points x (N, 3) become a scalar compressed-column matrix, and how it is factorised."""
 
     pattern: Pattern
+    x: np.ndarray
+
+    @classmethod
+    def of(cls, elastic: Elastic) -> "Layout":
+        """The layout of an elastic energy's Hessian; terms of forces and contact share its pattern."""
+        return cls(pattern=elastic.pattern, x=elastic.cloud.x)
 
     @cached_property
     def template(self) -> tuple[sp.csc_matrix, np.ndarray]:
@@ -96,31 +106,49 @@ class Layout:
         matrix.sort_indices()
         return matrix, matrix.data.astype(np.int64) - 1
 
+    @cached_property
+    def dissection(self) -> Dissection:
+        """The order of elimination."""
+        return Dissection.of(self.pattern, self.x)
+
     def matrix(self, blocks: np.ndarray) -> sp.csc_matrix:
         """The (3N, 3N) matrix of blocks (M, 3, 3)."""
         template, place = self.template
         return sp.csc_matrix((blocks.ravel()[place], template.indices, template.indptr), shape=template.shape)
 
-    def factor(self, blocks: np.ndarray) -> SuperLU:
-        """The factors of blocks (M, 3, 3), symmetric but not necessarily positive."""
+    def cholesky(self, blocks: np.ndarray) -> Cholesky | None:
+        """The factor of blocks (M, 3, 3), or None where they are not positive definite."""
+        try:
+            return self.dissection.factor(blocks)
+        except np.linalg.LinAlgError:
+            return None
+
+    def indefinite(self, blocks: np.ndarray) -> SuperLU:
+        """The factors of blocks (M, 3, 3), symmetric but not positive.
+
+        To be dropped in the thread that made them: SciPy never frees the memory of one that dies in another.
+        """
         options = {"SymmetricMode": True}
         return splu(self.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectFactors:
-    """One sparse factorisation per frame (SuperLU): the inverse of its own tangent, a strong preconditioner nearby.
+    """One sparse factorisation per frame: the inverse of its own tangent, a strong preconditioner nearby."""
 
-    Made and used in one thread: SciPy never frees the memory of a factor that dies in another thread than its own.
-    """
-
-    factors: tuple[SuperLU, ...]
+    factors: tuple[Cholesky | SuperLU, ...]
 
     @classmethod
     def of(cls, tangent: Tangent, layout: Layout) -> "DirectFactors":
         """Factorise every frame."""
-        with serial_blas():
-            return cls(factors=tuple(layout.factor(b) for some in _chunks(tangent) for b in tangent.assembled(some)))
+        _ = layout.dissection  # made once, not in every thread
+        with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
+            factors = (
+                factor or layout.indefinite(b)
+                for blocks in map(tangent.assembled, _chunks(tangent))
+                for factor, b in zip(pool.map(layout.cholesky, blocks), blocks, strict=True)
+            )
+            return cls(factors=tuple(factors))
 
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """H^-1 r, (T, N, 3)."""
@@ -132,14 +160,16 @@ class DirectFactors:
         return DirectFactors(factors=tuple(self.factors[i] for i in index))
 
 
-def solve_directly(tangent: Tangent, layout: Layout, right: np.ndarray, *, threads: int = 2) -> np.ndarray:
+def solve_directly(tangent: Tangent, layout: Layout, right: np.ndarray) -> np.ndarray:
     """H^-1 of several right sides (T, K, N, 3) of every frame: each is factorised, used and freed in one thread."""
+    _ = layout.dissection  # made once, not in every thread
 
     def solve(blocks: np.ndarray, v: np.ndarray) -> np.ndarray:
         columns = np.asfortranarray(v.reshape(len(v), -1).T)
-        return layout.factor(blocks).solve(columns).T.reshape(v.shape)
+        factor = layout.cholesky(blocks) or layout.indefinite(blocks)
+        return factor.solve(columns).T.reshape(v.shape)
 
-    with serial_blas(), ThreadPoolExecutor(threads) as pool:
+    with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
         return np.concatenate([list(pool.map(solve, tangent.assembled(f), right[f])) for f in _chunks(tangent)])
 
 

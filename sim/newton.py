@@ -12,6 +12,7 @@ from sim.energy import Energy, Tangent
 from sim.linear import DirectFactors, Layout, Preconditioner, conjugate_gradients
 from sim.twolevel import Aggregates, TwoLevel
 
+_NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
 _SMALL = 400  # points up to which one sparse factor per frame beats the two-level preconditioner
 
 
@@ -101,12 +102,14 @@ class LinearSolver:
         cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
         direct = linear == "direct" or (linear == "auto" and cloud.count <= _SMALL)
         aggregates = Aggregates.of(cloud, pattern, energy.fixed)
-        return cls(layout=Layout(pattern=pattern), aggregates=aggregates, direct=direct)
+        return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
 
-    def preconditioner(self, tangent: Tangent) -> Preconditioner:
-        """A fresh preconditioner at the tangent's own state, unless one is kept."""
+    def preconditioner(self, tangent: Tangent, before: Preconditioner | None = None) -> Preconditioner:
+        """A fresh preconditioner at the tangent's own state, unless one is kept, or one from `before` still serves."""
         if self.kept is not None:
             return self.kept
+        if isinstance(before, TwoLevel):
+            return before.moved(tangent)
         return DirectFactors.of(tangent, self.layout) if self.direct else TwoLevel.of(tangent, self.aggregates)
 
     def near(self, tangent: Tangent) -> "LinearSolver":
@@ -135,6 +138,7 @@ def equilibrate(
     state = _State.at(energy, y)
     status = [Status.ITERATIONS if ok else Status.INVERTED for ok in state.smallest > 0]
     steps = np.zeros(len(y), int)
+    precondition, earlier = None, np.zeros(0, int)
     for step in range(options.iterations + 1):
         for t in np.flatnonzero(state.residual <= options.tolerance):
             status[t] = Status.CONVERGED
@@ -144,7 +148,11 @@ def equilibrate(
         if len(active) == 0 or step == options.iterations:
             break
         part = energy.frames(active)
-        direction = _direction(part, state.frames(active), solver)
+        tangent = part.tangent(state.y[active])
+        near = precondition is not None and state.residual[active].max() < _NEAR
+        before = precondition.frames(np.searchsorted(earlier, active)) if near else None
+        precondition, earlier = solver.preconditioner(tangent, before), active
+        direction = _direction(part, state.frames(active), tangent, solver, precondition)
         stuck = _search(part, state, active, direction)
         steps[active] += 1
         for t in active[stuck]:
@@ -184,11 +192,12 @@ class _State:
         self.scale[index] = np.maximum(self.scale[index], new.scale)
 
 
-def _direction(energy: Energy, state: _State, solver: LinearSolver) -> np.ndarray:
+def _direction(
+    energy: Energy, state: _State, tangent: Tangent, solver: LinearSolver, precondition: Preconditioner
+) -> np.ndarray:
     """The Newton direction (T, N, 3), with the projected Hessian where the exact one is not positive definite."""
-    forcing = np.clip(state.residual, 1e-4, 1e-1)
-    tangent = energy.tangent(state.y)
-    solve = conjugate_gradients(tangent.product, -state.gradient, solver.preconditioner(tangent), tolerance=forcing)
+    forcing = np.clip(state.residual, 1e-4, 1e-3)
+    solve = conjugate_gradients(tangent.product, -state.gradient, precondition, tolerance=forcing)
     direction = solve.x
     bent = np.flatnonzero(solve.curved | ((direction * state.gradient).sum(axis=(1, 2)) >= 0))
     if len(bent):

@@ -7,20 +7,28 @@ import numpy as np
 from sim.energy import Energy
 from sim.linear import Layout, solve_directly
 
+_AT_ONCE = 12_000  # points of all frames whose right sides are held together
+_ROUNDED = 1e-13  # of mu h^2: forces that come of rounding alone
 
-def responses(
-    energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray], *, chunk: int = 4
-) -> Iterator[np.ndarray]:
+
+def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
     """dy of every frame in turn, (K, N, 3) [m], under K small added forces: `H^-1 f` with the exact Hessian at y.
 
     forces(index) gives (len(index), K, N, 3) [N] for the frames `index`; it is asked for a few frames at a time.
     """
-    layout = Layout(pattern=energy.elastic.pattern)
+    elastic, layout = energy.elastic, Layout.of(energy.elastic)
+    least = _ROUNDED * elastic.m[:, 0].mean() * elastic.cloud.spacing**2
+    chunk = max(_AT_ONCE // elastic.cloud.count, 2)
     for first in range(0, len(y), chunk):
         index = np.arange(first, min(first + chunk, len(y)))
-        part, state, right = energy.frames(index), y[index], forces(index)
+        right = forces(index)
         right[:, :, energy.fixed] = 0.0
-        yield from solve_directly(part.tangent(state), layout, right)
+        pushed = np.abs(right).max(axis=(1, 2, 3)) > least  # a frame at rest tells nothing of a stiffness
+        if pushed.any():
+            tangent = energy.frames(index[pushed]).tangent(y[index[pushed]])
+            right[pushed] = solve_directly(tangent, layout, right[pushed])
+        right[~pushed] = 0.0
+        yield from right
 
 
 def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -33,7 +41,7 @@ def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> C
 
 
 def sensitivities(
-    energy: Energy, y: np.ndarray, directions: np.ndarray, *, more: np.ndarray | None = None, chunk: int = 4
+    energy: Energy, y: np.ndarray, directions: np.ndarray, *, more: np.ndarray | None = None
 ) -> Iterator[np.ndarray]:
     """dy/da of every frame in turn, (K, N, 3), for parameter changes dm/da = directions (K, N, P).
 
@@ -41,4 +49,4 @@ def sensitivities(
     """
     own = parameter_forces(energy, y, directions)
     both = own if more is None else lambda index: np.concatenate([own(index), more[index]], axis=1)
-    return responses(energy, y, both, chunk=chunk)
+    return responses(energy, y, both)

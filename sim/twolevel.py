@@ -1,9 +1,10 @@
 """A two-level preconditioner: Chebyshev smoothing plus the rigid motions of aggregates shared by all frames."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import taichi as ti
+from scipy.linalg.lapack import dtrtri
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -128,6 +129,17 @@ class TwoLevel:
             coarse_inverse=np.stack(coarse),
         )  # fmt: skip
 
+    def frames(self, index: np.ndarray) -> "TwoLevel":
+        """Of the chosen frames; the tangent is then another one's, see `moved`."""
+        return replace(
+            self, inverse_diagonal=self.inverse_diagonal[index], largest=self.largest[index], arms=self.arms[index],
+            coarse_inverse=self.coarse_inverse[index],
+        )  # fmt: skip
+
+    def moved(self, tangent: Tangent) -> "TwoLevel":
+        """For a tangent of the same frames not far away: only the largest eigenvalue is found anew."""
+        return replace(self, tangent=tangent, largest=_largest_eigenvalue(tangent, self.inverse_diagonal))
+
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (T, N, 3)."""
         z = self._smooth(r)
@@ -173,8 +185,8 @@ def _stable_inverse(matrix: np.ndarray) -> np.ndarray:
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = matrix * scale[:, None] * scale + np.diag(np.where(diagonal > 0, 1e-9, 1.0))
     try:
-        factor = np.linalg.inv(np.linalg.cholesky(scaled))
-        return (factor.T @ factor) * scale[:, None] * scale
+        upper, _ = dtrtri(np.linalg.cholesky(scaled).T)
+        return (upper @ upper.T) * scale[:, None] * scale
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
         values = np.maximum(np.abs(values), 1e-9)

@@ -33,10 +33,10 @@ class Vibrations:
         count = min(count, len(free) - 1)
         bare = Energy(elastic=elastic, terms=(), fixed=energy.fixed)
         blocks = bare.tangent(elastic.cloud.x[None]).assembled(slice(0, 1))[0]
-        layout = Layout(pattern=elastic.pattern)
+        layout = Layout.of(elastic)
         weights = np.repeat(mass, 3)
         with serial_blas():
-            factor = layout.factor(blocks)
+            factor = layout.cholesky(blocks) or layout.indefinite(blocks)
 
             def solve(right: np.ndarray) -> np.ndarray:
                 full = np.zeros(len(weights))

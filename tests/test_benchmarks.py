@@ -49,7 +49,7 @@ def test_cholmod_is_the_inverse_of_one_frame_after_another(energy, states):
     for t in range(2):
         part = energy.frames(np.array([t])).tangent(states[t : t + 1])
         x = peer.preconditioner(part)(right[t : t + 1])
-        exact = DirectFactors.of(part, Layout(pattern=energy.elastic.pattern))(right[t : t + 1])
+        exact = DirectFactors.of(part, Layout.of(energy.elastic))(right[t : t + 1])
         assert sim_cases.relative(x, exact) < 1e-8
 
 
@@ -64,7 +64,7 @@ def test_cholmod_gives_way_where_the_hessian_is_not_positive_definite(energy):
 def test_states_are_far_from_rest_and_their_hessians_positive_definite(energy, states):
     tangent = energy.tangent(states)
     for blocks in tangent.assembled(slice(0, FRAMES)):
-        np.linalg.cholesky(Layout(pattern=energy.elastic.pattern).matrix(blocks).toarray())  # raises where it is not
+        np.linalg.cholesky(Layout.of(energy.elastic).matrix(blocks).toarray())  # raises where it is not
     assert (np.abs(states - energy.elastic.cloud.x).max(axis=(1, 2)) > scene.SIZE[0] / 2).all()
 
 

@@ -139,7 +139,20 @@ def test_equilibrium_follows_its_sensitivity_to_second_order(energy, state):
     assert sim_cases.taylor_rate(solve, slope, energy.elastic.m, way, step=1e-1) > 1.9
 
 
-def test_sensitivities_do_not_depend_on_how_many_frames_go_together(energy, state):
-    ways = directions(energy.elastic)
-    one, two = (np.stack(list(sensitivities(energy, state, ways, chunk=n))) for n in (1, 2))
-    assert (one == two).all()
+def test_sensitivities_do_not_depend_on_how_many_frames_go_together(energy, state, monkeypatch):
+    ways, twice = directions(energy.elastic), energy.frames(np.array([0, 1, 0, 1]))
+    together = np.stack(list(sensitivities(twice, np.concatenate([state, state]), ways)))
+    monkeypatch.setattr("sim.sensitivity._AT_ONCE", 1)  # by two, the least
+    assert (np.stack(list(sensitivities(twice, np.concatenate([state, state]), ways))) == together).all()
+
+
+def test_a_frame_at_rest_tells_nothing_of_a_stiffness_but_answers_to_a_force(energy, state):
+    ways, x = directions(energy.elastic), energy.elastic.cloud.x
+    both = np.stack([x, state[0]])
+    found = np.stack(list(sensitivities(energy, both, ways)))
+    assert (found[0] == 0).all()
+    assert sim_cases.relative(found[1], next(sensitivities(energy, state, ways))) < 1e-12
+    push = np.zeros((2, 1, len(x), 3))
+    push[:, 0, -1] = 1e-3
+    answer = list(sensitivities(energy, both, ways, more=push))
+    assert np.abs(answer[0][len(ways)]).max() > 0

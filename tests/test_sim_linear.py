@@ -75,22 +75,23 @@ def test_solution_is_the_one_of_scipy(kind, tangent, exact):
 
 
 def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact):
-    factors = DirectFactors.of(tangent, Layout(pattern=tangent.energy.elastic.pattern))
+    factors = DirectFactors.of(tangent, Layout.of(tangent.energy.elastic))
     right = right_side(tangent)
     assert sim_cases.relative(factors(right), exact) < 1e-9
-    many = solve_directly(tangent, Layout(pattern=tangent.energy.elastic.pattern), np.stack([right, 2 * right], axis=1))
+    many = solve_directly(tangent, Layout.of(tangent.energy.elastic), np.stack([right, 2 * right], axis=1))
     assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-9
     assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
 
 
 def test_direct_solves_give_their_memory_back(tangent):
     resource = pytest.importorskip("resource")
-    layout, right = Layout(pattern=tangent.energy.elastic.pattern), right_side(tangent)[:, None]
+    layout, right = Layout.of(tangent.energy.elastic), right_side(tangent)[:, None]
 
     def peak() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # [MB] on Linux
 
-    size = sum(f.nnz for f in DirectFactors.of(tangent, layout).factors) * 12 / 2**20  # [MB]
+    factors = DirectFactors.of(tangent, layout).factors
+    size = sum(array.nbytes for f in factors for part in f.parts for array in part) / 2**20  # [MB]
     for _ in range(5):
         solve_directly(tangent, layout, right)
     before = peak()

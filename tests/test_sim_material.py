@@ -90,7 +90,7 @@ def test_assembled_term_is_its_product_exact_or_projected(name, small):
     term = extra(law, 3, elastic=small, stabilised=stabilised)
     y = sim_cases.bent(small.cloud, 3)
     tangent = term.tangent(y, np.array([False, True, True]))
-    H, layout = dense(tangent, 3, small.cloud.count), Layout(pattern=small.pattern)
+    H, layout = dense(tangent, 3, small.cloud.count), Layout.of(small)
     for t, blocks in enumerate(tangent.assembled(slice(0, 3))):
         assert relative(layout.matrix(blocks).toarray(), H[t]) < 1e-13
     assert (tangent.assembled(slice(1, 3)) == tangent.assembled(slice(0, 3))[1:]).all()

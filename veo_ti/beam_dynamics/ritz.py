@@ -173,5 +173,5 @@ def beam_elastic(model: BeamModel, young: float, poisson: float) -> Elastic:
 def stiffness_of(model: BeamModel, elastic: Elastic, y: np.ndarray, inner: np.ndarray) -> sp.csc_matrix:
     """d2E/dy2 at y (N, 3) among the coordinates `inner`, [N/m]."""
     tangent = Energy.of(elastic, [], model.fixed).tangent(y[None])
-    whole = Layout(pattern=elastic.pattern).matrix(tangent.assembled(slice(0, 1))[0])
+    whole = Layout.of(elastic).matrix(tangent.assembled(slice(0, 1))[0])
     return whole[inner][:, inner].tocsc()

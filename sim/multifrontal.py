@@ -1,0 +1,177 @@
+"""Sparse Cholesky for many matrices on one pattern: dense fronts along a nested dissection of the points.
+
+George (1973) for the ordering, Duff and Reid (1983) for the fronts: each separator's unknowns are eliminated in one
+dense block, so that nearly all work is matrix products. The analysis is made once; SuperLU, which knows nothing of
+symmetry nor of the frames before, needs three to five times as long (benchmarks/linear.py).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.lapack import dtrtri
+
+from sim.pattern import Pattern
+
+_LEAF = 40  # points that are not dissected further
+_Runs = tuple[tuple[slice, slice], ...]  # rows of a child's rest, and of the front that they are added to
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Front:
+    """Points [first, last) of the elimination order, those after them that they reach, and what is summed in."""
+
+    first: int
+    last: int
+    above: np.ndarray  # (b,) elimination numbers, ascending
+    pair: np.ndarray  # pairs of the pattern that enter here, with their
+    row: np.ndarray  # place among own and above, and
+    column: np.ndarray  # place among own
+    children: tuple[tuple[int, _Runs], ...]  # fronts whose rest enters here, and where
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dissection:
+    """The order in which points are eliminated, and the fronts, children before parents."""
+
+    order: np.ndarray  # (N,) points
+    fronts: tuple[_Front, ...]
+
+    @classmethod
+    def of(cls, pattern: Pattern, x: np.ndarray) -> "Dissection":
+        """Dissect the points x (N, 3) by the separators of the pattern's graph, halves first."""
+        N = len(x)
+        graph = sp.csr_matrix((np.ones(len(pattern.indices)), pattern.indices, pattern.indptr), shape=(N, N))
+        groups = list(_dissected(_along_a_curve(x), x, graph))
+        order = np.concatenate(groups)
+        number = np.empty(N, int)
+        number[order] = np.arange(N)
+        return cls(order=order, fronts=_fronts(groups, number, pattern))
+
+    def factor(self, blocks: np.ndarray) -> "Cholesky":
+        """The factor of the matrix of blocks (M, 3, 3); LinAlgError where it is not positive definite."""
+        parts: list[tuple[np.ndarray, np.ndarray]] = []
+        rests: dict[int, np.ndarray] = {}
+        room = np.empty(9 * max(f.last - f.first + len(f.above) for f in self.fronts) ** 2)
+        for k, front in enumerate(self.fronts):
+            own, size = 3 * (front.last - front.first), front.last - front.first + len(front.above)
+            whole = room[: 9 * size**2].reshape(size, 3, size, 3)  # its lower triangle is what counts
+            whole[:] = 0.0
+            whole[front.row, :, front.column] = blocks[front.pair]
+            whole = whole.reshape(3 * size, 3 * size)
+            for child, runs in front.children:
+                _add_lower(whole, rests.pop(child), runs)
+            upper, _ = dtrtri(np.linalg.cholesky(whole[:own, :own]).T)
+            low = whole[own:, :own] @ upper
+            parts.append((upper, low))
+            square = low @ low.T
+            rests[k] = np.subtract(whole[own:, own:], square, out=square)
+        return Cholesky(dissection=self, parts=tuple(parts))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cholesky:
+    """L L^T of one matrix: per front the inverse of its own block of L^T, and the rows of L below it."""
+
+    dissection: Dissection
+    parts: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """H^-1 right for right (3 N, K)."""
+        order, fronts = self.dissection.order, self.dissection.fronts
+        x = right.reshape(len(order), 3, -1)[order]
+        K = x.shape[2]
+        for front, (upper, low) in zip(fronts, self.parts, strict=True):
+            own = upper.T @ x[front.first : front.last].reshape(-1, K)
+            x[front.first : front.last] = own.reshape(-1, 3, K)
+            x[front.above] -= (low @ own).reshape(-1, 3, K)
+        for front, (upper, low) in zip(reversed(fronts), reversed(self.parts), strict=True):
+            own = x[front.first : front.last].reshape(-1, K) - low.T @ x[front.above].reshape(-1, K)
+            x[front.first : front.last] = (upper @ own).reshape(-1, 3, K)
+        result = np.empty_like(x)
+        result[order] = x
+        return result.reshape(right.shape)
+
+
+def _dissected(points: np.ndarray, x: np.ndarray, graph: sp.csr_matrix) -> Iterator[np.ndarray]:
+    """Groups of points in the order of their elimination: both halves, then what separates them."""
+    if len(points) <= _LEAF:
+        yield points
+        return
+    left, right, between = min((_halves(points, x[points, a], graph) for a in range(3)), key=lambda cut: len(cut[2]))
+    if not len(left) or not len(right):
+        yield points
+        return
+    yield from _dissected(left, x, graph)
+    yield from _dissected(right, x, graph)
+    if len(between):
+        yield between
+
+
+def _halves(
+    points: np.ndarray, along: np.ndarray, graph: sp.csr_matrix
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points in two halves along a coordinate without those of the one half that touch the other, and these."""
+    lower = np.zeros(len(points), bool)
+    lower[np.argsort(along, kind="stable")[: len(points) // 2]] = True
+    halves = points[lower], points[~lower]
+    sides = []
+    for near, far in (halves, halves[::-1]):
+        mark = np.zeros(graph.shape[0])
+        mark[far] = 1.0
+        touching = graph[near] @ mark > 0
+        sides.append((near[~touching], far, near[touching]))
+    return min(sides, key=lambda cut: len(cut[2]))
+
+
+def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: _Runs) -> None:
+    """Add the lower triangle of a child's rest to a front's."""
+    for i, (rows, to_rows) in enumerate(runs):
+        for columns, to_columns in runs[: i + 1]:
+            whole[to_rows, to_columns] += rest[rows, columns]
+
+
+def _runs(places: np.ndarray) -> _Runs:
+    """Ascending places of points as runs of neighbouring coordinates: slices of the list, and of what it points to."""
+    cuts = np.concatenate([[0], np.flatnonzero(np.diff(places) > 1) + 1, [len(places)]])
+    begins = 3 * places[cuts[:-1]]
+    return tuple(
+        (slice(3 * a, 3 * b), slice(begin, begin + 3 * (b - a)))
+        for a, b, begin in zip(cuts[:-1].tolist(), cuts[1:].tolist(), begins.tolist(), strict=True)
+    )
+
+
+def _along_a_curve(x: np.ndarray) -> np.ndarray:
+    """The points' order along Morton's curve: what a half reaches of a separator then comes in few runs."""
+    cells = ((x - x.min(axis=0)) / max(float(np.ptp(x, axis=0).max()), 1e-300) * 1023).astype(np.int64)
+    bits = (cells[:, :, None] >> np.arange(10)) & 1
+    return np.argsort((bits << (3 * np.arange(10) + np.arange(3)[:, None])).sum(axis=(1, 2)), kind="stable")
+
+
+def _fronts(groups: list[np.ndarray], number: np.ndarray, pattern: Pattern) -> tuple[_Front, ...]:
+    """What enters each front and where: entries of the matrix by the earlier of their two points, rests by the first
+    point that they reach."""
+    ends = np.cumsum([len(group) for group in groups])
+    owner = np.repeat(np.arange(len(groups)), np.diff(ends, prepend=0))  # of an elimination number
+    row, column = number[pattern.rows], number[pattern.indices]
+    entering = np.flatnonzero(row >= column)
+    entering = entering[np.argsort(owner[column[entering]], kind="stable")]
+    starts = np.searchsorted(owner[column[entering]], np.arange(len(groups) + 1))
+    pending: list[list[tuple[int, np.ndarray]]] = [[] for _ in groups]
+    fronts = []
+    for k, last in enumerate(ends):
+        first, pair = last - len(groups[k]), entering[starts[k] : starts[k + 1]]
+        reached = np.unique(np.concatenate([row[pair], *(above for _, above in pending[k])]))
+        above = reached[reached >= last]
+        places = np.concatenate([np.arange(first, last), above])
+        fronts.append(
+            _Front(
+                first=first, last=last, above=above, pair=pair, row=np.searchsorted(places, row[pair]),
+                column=column[pair] - first,
+                children=tuple((child, _runs(np.searchsorted(places, reach))) for child, reach in pending[k]),
+            )
+        )  # fmt: skip
+        if len(above):
+            pending[owner[above[0]]].append((k, above))
+    return tuple(fronts)
