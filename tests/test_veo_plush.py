@@ -61,6 +61,7 @@ def test_run_learns_says_the_scale_is_unknown_and_recomputes_the_papers_row(fold
     assert not metrics["force_scale_known"]
     assert "moduli are relative" in " ".join(capsys.readouterr().err.split())
     assert metrics["footprint_mm"] == pytest.approx(1e3 * FOOTPRINT, rel=0.15)
+    assert "settled" not in metrics["status"]
     obj = VirtualElasticObject.load(tmp_path / "out")
     assert obj.footprint == pytest.approx(FOOTPRINT, rel=0.15) and obj.up.tolist() == [0, 1, 0]
     evaluated = ["evaluate", str(tmp_path / "out"), str(folder), "--out", str(tmp_path / "again")]
@@ -89,3 +90,10 @@ def test_an_interrupted_identification_does_not_seek_the_streams_width_again(fol
     result = identify(again, options=options, checkpoints=tmp_path, progress=lambda stage, _: stages.append(stage))
     assert set(stages) == {"field"}
     assert result.object.footprint == pytest.approx(FOOTPRINT, rel=0.15)
+
+
+def test_a_stream_whose_width_has_not_settled_is_said(folder, monkeypatch):
+    monkeypatch.setattr("veo_ti.stream._ROUNDS", 1)
+    result = identify(Observation.load(folder), options=IdentifyOptions(fit=FitOptions(modes=8)))
+    assert abs(result.stream.change) > 0.02
+    assert "had not settled, its last step still changed it by" in result.metrics["status"]

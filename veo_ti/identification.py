@@ -18,7 +18,7 @@ from veo_ti.kept import kept, key_of
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
-from veo_ti.stream import as_wide, find_footprint, unmeasured
+from veo_ti.stream import Stream, as_wide, find_footprint, unmeasured
 
 _FEW = 12  # frames on which one homogeneous material is found before all are taken
 Progress = Callable[[str, FitState], None]
@@ -53,6 +53,7 @@ class Identification:
     held_out: np.ndarray
     gradient_error: float
     seconds: float
+    stream: Stream | None = None  # how wide an air stream is that nobody measured
 
     @property
     def metrics(self) -> dict[str, object]:
@@ -68,7 +69,8 @@ class Identification:
             },
             "noise_mm": 1e3 * self.fit.state.sigma, "noise_given": self.model.target.sigma is not None,
             "gradient_check": self.gradient_error,
-            "iterations": len(self.fit.state.objective) - 1, "status": self.fit.sentence, "seconds": self.seconds,
+            "iterations": len(self.fit.state.objective) - 1, "seconds": self.seconds,
+            "status": self.fit.sentence + ("" if self.stream is None else self.stream.sentence),
             "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
             "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,
             "determined": _spread(self.fit.determined), "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
@@ -103,9 +105,10 @@ def identify(
     cloud, key = cloud_of(observation, options.cloud), _key(observation, options)
     train, held_out = observation.split(options.every)
     few = np.unique(np.linspace(0, len(train) - 1, _FEW).astype(int))
+    stream = None
     if unmeasured(observation):
-        width = _width(observation.frames(train[few]), cloud, options, checkpoints, key, progress)
-        observation = as_wide(observation, width)
+        stream = _stream(observation.frames(train[few]), cloud, options, checkpoints, key, progress)
+        observation = as_wide(observation, stream.footprint)
     energy, target = energy_of(observation, cloud), target_of(observation)
     stage = _Stage(energy.frames(train), target.frames(train), checkpoints, key, progress)
     rest = np.repeat(cloud.x[None], len(train), axis=0)
@@ -121,6 +124,7 @@ def identify(
         baseline=_everywhere(observation, energy, homogeneous, train),
         rest=unmoved(cloud.x, target), train=train, held_out=held_out,
         gradient_error=check_gradient(stage.energy, stage.target, learnt), seconds=time.perf_counter() - began,
+        stream=stream,
     )  # fmt: skip
 
 
@@ -154,17 +158,19 @@ class _Stage:
         )
 
 
-def _width(
+def _stream(
     observation: Observation, cloud: RestCloud, options: IdentifyOptions, folder: Path | None, key: str,
     progress: Progress | None,
-) -> float:  # fmt: skip
-    """The width of an air stream that nobody measured [m]; kept like the fits, for a call that goes on from there."""
+) -> Stream:  # fmt: skip
+    """The width of an air stream that nobody measured; kept like the fits, for a call that goes on from there."""
 
     def find() -> dict[str, np.ndarray]:
         after = partial(progress, "stream") if progress else None
-        return {"width": np.array(find_footprint(observation, cloud, options.fit, after))}
+        found = find_footprint(observation, cloud, options.fit, after)
+        return {"footprint": np.array(found.footprint), "change": np.array(found.change)}
 
-    return float((kept(folder / "checkpoint_stream.npz", key, find) if folder else find())["width"])
+    found = kept(folder / "checkpoint_stream.npz", key, find) if folder else find()
+    return Stream(footprint=float(found["footprint"]), change=float(found["change"]))
 
 
 def _everywhere(observation: Observation, energy: Energy, result: Fit, train: np.ndarray) -> Evaluation:

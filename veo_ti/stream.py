@@ -1,7 +1,7 @@
 """How wide an air stream is that nobody measured: found together with a coarse material field under it."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,11 +30,26 @@ def as_wide(observation: Observation, footprint: float) -> Observation:
     return replace(observation, jet=replace(observation.jet, footprint=footprint))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stream:
+    """A width that was found, and by what share of it the last step still changed it."""
+
+    footprint: float  # [m]
+    change: float
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong with it, or nothing."""
+        if abs(self.change) < _SURE:
+            return ""
+        return f"; the stream's width had not settled, its last step still changed it by {abs(self.change):.0%}"
+
+
 def find_footprint(
     observation: Observation, cloud: RestCloud, options: FitOptions,
     progress: Callable[[FitState], None] | None = None,
-) -> float:  # fmt: skip
-    """How wide the jet of the measurement is [m].
+) -> Stream:  # fmt: skip
+    """How wide the jet of the measurement is.
 
     A recording tells where the nozzle was and where it pointed, not how wide its stream is where it meets the object.
     Steps of the material alternate with Gauss-Newton steps of the width in which the material follows.
@@ -56,4 +71,4 @@ def find_footprint(
         width, y, a = width * float(np.exp(step)), state.y, state.a
         if abs(step) < _SURE:
             break
-    return width
+    return Stream(footprint=width, change=step)
