@@ -6,7 +6,7 @@ import pytest
 from sim.basis import FitOptions
 from veo_ti.identification import IdentifyOptions, identify
 from veo_ti.observation import Observation
-from veo_ti.results import sentence, write_identification
+from veo_ti.results import gained, sentence, write_identification
 from veo_ti.store import read_sequence
 
 OPTIONS = IdentifyOptions(fit=FitOptions(modes=8, ratio_modes=0, iterations=2))
@@ -29,6 +29,10 @@ def test_material_field_predicts_unseen_frames_better_than_the_baselines(identif
         metrics[f"error_mm{name}"]["held_out"]["mean"] for name in ("", "_homogeneous", "_no_change")
     )
     assert model < plain < rest
+    over = metrics["gained_mm"]
+    assert over["over_homogeneous"]["mean"] == pytest.approx(plain - model)
+    assert over["over_no_change"]["mean"] == pytest.approx(rest - model)
+    assert all(gain["low"] <= gain["mean"] <= gain["high"] for gain in over.values())
 
 
 def test_held_out_frames_are_not_trained_on(identified):
@@ -65,6 +69,14 @@ def test_folder_holds_everything_and_the_checkpoint_is_gone(observation, identif
     np.testing.assert_array_equal(stored.static["mu"], identified.object.lame.mu)
     assert len(stored.time) == len(observation.time)
     assert "kPa" in sentence(metrics)
+
+
+def test_a_gain_that_may_be_chance_is_called_so(identified):
+    found = {"mean": 0.1, "low": 0.05, "high": 0.2}
+    sure = {**identified.metrics, "gained_mm": {"over_homogeneous": found}}
+    assert "gained 0.10 mm over one homogeneous material (95 %: 0.05 to 0.20 mm)." in gained(sure)
+    assert "may be chance" in gained({**sure, "gained_mm": {"over_homogeneous": {**found, "low": -0.1}}})
+    assert gained({**sure, "gained_mm": {"over_homogeneous": None}}) == ""  # nothing was held out
 
 
 def test_unknown_force_scale_is_said(identified):

@@ -1,6 +1,7 @@
 """How far a simulated object lies from a measurement: the paper's Table 1, and what to compare it with."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -40,7 +41,12 @@ class Evaluation:
         index = np.arange(len(self.y)) if frames is None else frames
         return 1e3 * self.target.frames(index).rms(self.y[index])
 
-    @property
+    def mean_mm(self, frames: np.ndarray) -> float:
+        """Mean distance over the observed surface points of some frames, each as often as it is named [mm]."""
+        count = self.target.seen.sum(axis=1)[frames]
+        return float((self.per_frame_mm[frames] * count).sum() / count.sum())
+
+    @cached_property
     def per_frame_mm(self) -> np.ndarray:
         """Mean distance of each frame, (T,) [mm]; zero where nothing was observed."""
         distance = np.linalg.norm(self.target.residual(self.y), axis=2)

@@ -14,6 +14,7 @@ from sim.energy import Energy
 from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
 from veo_ti.checkpoint import read_state, write_state
 from veo_ti.evaluation import Evaluation, judged, unmoved
+from veo_ti.held_out import interval
 from veo_ti.kept import kept, key_of
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
@@ -63,6 +64,7 @@ class Identification:
         return {
             "error_mm": errors["model"], "error_mm_homogeneous": errors["homogeneous"],
             "error_mm_no_change": errors["no_change"],
+            "gained_mm": {"over_homogeneous": self._gained(self.baseline), "over_no_change": self._gained(self.rest)},
             "rms_per_coordinate_mm": {
                 name: {"training": part.rms_mm(self.train), "held_out": _or_none(part.rms_mm, self.held_out)}
                 for name, part in self._evaluations.items()
@@ -84,6 +86,18 @@ class Identification:
     @property
     def _evaluations(self) -> dict[str, Evaluation]:
         return {"model": self.model, "homogeneous": self.baseline, "no_change": self.rest}
+
+    def _gained(self, other: Evaluation) -> dict[str, float] | None:
+        """By how much the mean held-out distance is smaller than another model's, with a 95 % interval."""
+        held = self.held_out[self.model.target.seen[self.held_out].any(axis=1)]
+        if not len(held):
+            return None
+
+        def gained(frames: np.ndarray) -> float:
+            return other.mean_mm(frames) - self.model.mean_mm(frames)
+
+        low, high = interval(gained, held)
+        return {"mean": gained(held), "low": low, "high": high}
 
     def _tables(self, part: Evaluation) -> dict[str, object]:
         return {"training": _table(part, self.train), "held_out": _table(part, self.held_out)}

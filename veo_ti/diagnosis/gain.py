@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fit import Target
-
-_DRAWS = 2000
+from veo_ti.held_out import interval
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,22 +39,17 @@ def measure_gain(
     squares = {name: _squares(target, y) for name, y in models.items()}
     squares["hold"] = _squares(target, models["before"] + _nearest_residual(target, models["before"], train))
     count = 3 * target.seen.sum(axis=1)
-    runs = np.split(np.flatnonzero(held), np.flatnonzero(np.diff(np.flatnonzero(held)) > 1) + 1)
-    if len(runs) < 4:
-        runs = [np.array([t]) for t in np.flatnonzero(held)]
 
     def rms(name: str, frames: np.ndarray) -> float:
         return 1e3 * float(np.sqrt(squares[name][frames].sum() / count[frames].sum()))
 
-    random, frames = np.random.default_rng(seed), np.flatnonzero(held)
-    draws = [np.concatenate([runs[i] for i in random.integers(len(runs), size=len(runs))]) for _ in range(_DRAWS)]
-    gained = np.array([rms("before", d) - rms("after", d) for d in draws])
-    low, high = np.quantile(gained, [0.025, 0.975])
+    frames = np.flatnonzero(held)
+    low, high = interval(lambda drawn: rms("before", drawn) - rms("after", drawn), frames, seed=seed)
     before, after = rms("before", frames), rms("after", frames)
     return Gain(
         before_mm=before, after_mm=after, homogeneous_mm=rms("homogeneous", frames),
         hold_residual_mm=rms("hold", frames), no_change_mm=rms("no_change", frames), noise_mm=1e3 * sigma,
-        gained_mm=(before - after, float(low), float(high)),
+        gained_mm=(before - after, low, high),
     )  # fmt: skip
 
 

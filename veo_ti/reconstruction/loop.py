@@ -29,7 +29,7 @@ from veo_ti.reconstruction.run import (
     reconstruct_folder,
 )
 from veo_ti.report import Section, Table, write_report
-from veo_ti.results import sentence, write_identification
+from veo_ti.results import gained, sentence, write_identification
 from veo_ti.store import read_sequence, writable_folder, write_json_atomic
 
 _MEASURES = ("PSNR", "SSIM", "LPIPS")
@@ -132,8 +132,8 @@ def _sections(out: Path, found: Mapping[str, object]) -> list[Section]:
                 pictures=(out / "reconstruction/held_out.png", out / "reconstruction/cloud.png")),
         Section(heading="Material", pictures=(out / "material/mu.png",),
                 text="How stiff each point is (forces are known up to scale, so stiffness is relative), and how far "
-                "the simulation is from the reconstruction on held-out frames [mm] (the paper's Table 1). "
-                + (_left_out(left) if left else ""),
+                "the simulation is from the reconstruction on held-out frames [mm] (the paper's Table 1)."
+                + gained(metrics) + (f" {_left_out(left)}" if left else ""),
                 table=Table(columns=("", "average", "95 %", "largest"), rows=errors)),
         Section(heading="Seen again", pictures=(out / "simulated.png",),
                 text="A held-out frame: filmed, rendered from the reconstructed cloud, and from the simulated one; "
