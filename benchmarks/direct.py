@@ -1,4 +1,4 @@
-"""The direct peer: every frame's assembled Hessian factorised by CHOLMOD, or by SuperLU where cvxopt is missing."""
+"""The direct peers: every frame's assembled Hessian factorised by CHOLMOD, where cvxopt is installed, or by SuperLU."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.energy import Energy, Tangent
 from sim.linear import DirectFactors, Layout, Preconditioner
-from sim.newton import LinearSolver
+from sim.runtime import serial_blas
 
 try:
     from cvxopt import cholmod, matrix, spmatrix
@@ -50,8 +50,25 @@ class Cholmod:
         return np.array(x).reshape(right.shape)
 
 
-def best_direct(energy: Energy) -> tuple[str, Cholmod | LinearSolver]:
-    """The fastest direct solver that is installed, and its name."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Superlu:
+    """The same by SuperLU, which analyses the pattern anew for every matrix."""
+
+    layout: Layout
+
+    @classmethod
+    def of(cls, energy: Energy) -> "Superlu":
+        """Nothing is known beforehand."""
+        return cls(layout=Layout.of(energy.elastic))
+
+    def preconditioner(self, tangent: Tangent) -> Preconditioner:
+        """The inverse at the one frame of a tangent."""
+        with serial_blas():
+            return DirectFactors(factors=(self.layout.indefinite(tangent.assembled(slice(0, 1))[0]),))
+
+
+def best_direct(energy: Energy) -> tuple[str, Cholmod | Superlu]:
+    """The faster of the peers that is installed, and its name."""
     if cholmod is None:
-        return "SuperLU", LinearSolver.of(energy, "direct")
+        return "SuperLU", Superlu.of(energy)
     return "CHOLMOD", Cholmod.of(energy)

@@ -1,13 +1,14 @@
-"""One Newton step's linear systems: all frames together to 1e-3, beside one direct solve a frame."""
+"""Linear systems beside direct peers: a Newton step's, all frames together to 1e-3; many right sides of one frame."""
 
 import numpy as np
 
 from benchmarks import scene
-from benchmarks.direct import Cholmod, best_direct
+from benchmarks.direct import Cholmod, Superlu, best_direct
 from benchmarks.table import Row, skipped
-from benchmarks.timing import interleaved, ratio
-from sim.linear import conjugate_gradients
+from benchmarks.timing import interleaved, milliseconds, ratio
+from sim.linear import Layout, conjugate_gradients
 from sim.newton import LinearSolver
+from sim.runtime import serial_blas
 
 _FEW = {"CHOLMOD": 2, "SuperLU": 1}  # frames that the peers solve
 _GOALS = {"CHOLMOD": 2.0, "SuperLU": 15.0}
@@ -18,13 +19,13 @@ def linear_rows(points: int, frames: int, rounds: int) -> list[Row]:
     energy = scene.bar(points, frames)
     y = scene.twisted(energy, frames)
     tangent, right, solver = energy.tangent(y), -energy.gradient(y), LinearSolver.of(energy, "two-level")
-    peers = dict([best_direct(energy), ("SuperLU", LinearSolver.of(energy, "direct"))])
+    peers = dict([best_direct(energy), ("SuperLU", Superlu.of(energy))])
 
     def ours() -> None:
         precondition = solver.preconditioner(tangent)
         assert conjugate_gradients(tangent.product, right, precondition, tolerance=1e-3).converged.all()
 
-    def one_by_one(peer: Cholmod | LinearSolver, count: int) -> None:
+    def one_by_one(peer: Cholmod | Superlu, count: int) -> None:
         for t in range(count):
             part, b = energy.frames(np.array([t])).tangent(y[t : t + 1]), right[t : t + 1]
             x = peer.preconditioner(part)(b)
@@ -35,6 +36,29 @@ def linear_rows(points: int, frames: int, rounds: int) -> list[Row]:
     own = seconds["ours"] / frames
     size = f"Linear solve to 1e-3, {len(right[0])} points x {frames} frames"
     return [_row(f"{size}: {name} over ours", name, goal, seconds.get(name), own) for name, goal in _GOALS.items()]
+
+
+def direct_rows(points: int, columns: int, rounds: int) -> list[Row]:
+    """Factorising one frame's Hessian and solving for as many right sides as sensitivities ask, in one thread."""
+    energy = scene.bar(points, 1)
+    tangent = energy.tangent(scene.twisted(energy, 1))
+    layout, blocks = Layout.of(energy.elastic), tangent.assembled(slice(0, 1))[0]
+    right = np.asfortranarray(np.random.default_rng(0).standard_normal((3 * len(tangent.y[0]), columns)))
+    found = {}
+
+    def ours() -> None:
+        found["ours"] = layout.cholesky(blocks).solve(right)
+
+    def superlu() -> None:
+        found["SuperLU"] = layout.indefinite(blocks).solve(right)
+
+    _ = layout.dissection, layout.template
+    with serial_blas():
+        seconds = interleaved({"ours": ours, "SuperLU": superlu}, rounds)
+    assert np.abs(found["ours"] - found["SuperLU"]).max() <= 1e-8 * np.abs(found["SuperLU"]).max()
+    own, other = map(milliseconds, seconds.values())
+    what = f"One factor and {columns} right sides, {len(tangent.y[0])} points, one thread: SuperLU over ours"
+    return [Row(what=what, figure=f"{ratio(seconds['SuperLU'], seconds['ours']):.1f} x ({other} over {own})")]
 
 
 def _row(what: str, name: str, goal: float, seconds: np.ndarray | None, own: np.ndarray) -> Row:

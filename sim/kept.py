@@ -29,15 +29,11 @@ class KeptSolver:
         small = linear == "auto" and energy.elastic.cloud.count <= _DIRECT
         return cls(solver=LinearSolver.of(energy, "direct" if small else linear))
 
-    def preconditioner(self, tangent: Tangent, before: Preconditioner | None = None) -> "KeptSolver":
-        """Itself, renewed at this tangent where need be, whatever was before."""
+    def preconditioner(self, tangent: Tangent) -> "KeptSolver":
+        """Itself, renewed at this tangent where need be."""
         if self.inverse is None or self.calls > _WORN or len(tangent.elastic.frames):
             self.inverse = self.solver.preconditioner(tangent)
         self.calls = 0
-        return self
-
-    def frames(self, index: np.ndarray) -> "KeptSolver":
-        """Itself: there is only one frame."""
         return self
 
     def __call__(self, r: np.ndarray) -> np.ndarray:

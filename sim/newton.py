@@ -104,12 +104,10 @@ class LinearSolver:
         aggregates = Aggregates.of(cloud, pattern, energy.fixed)
         return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
 
-    def preconditioner(self, tangent: Tangent, before: Preconditioner | None = None) -> Preconditioner:
-        """A fresh preconditioner at the tangent's own state, unless one is kept, or one from `before` still serves."""
+    def preconditioner(self, tangent: Tangent) -> Preconditioner:
+        """A fresh preconditioner at the tangent's own state, unless one is kept."""
         if self.kept is not None:
             return self.kept
-        if isinstance(before, TwoLevel):
-            return before.moved(tangent)
         return DirectFactors.of(tangent, self.layout) if self.direct else TwoLevel.of(tangent, self.aggregates)
 
     def near(self, tangent: Tangent) -> "LinearSolver":
@@ -149,9 +147,9 @@ def equilibrate(
             break
         part = energy.frames(active)
         tangent = part.tangent(state.y[active])
-        near = precondition is not None and state.residual[active].max() < _NEAR
-        before = precondition.frames(np.searchsorted(earlier, active)) if near else None
-        precondition, earlier = solver.preconditioner(tangent, before), active
+        serves = isinstance(precondition, TwoLevel) and state.residual[active].max() < _NEAR
+        again = precondition.frames(np.searchsorted(earlier, active)).moved(tangent) if serves else None
+        precondition, earlier = again or solver.preconditioner(tangent), active
         direction = _direction(part, state.frames(active), tangent, solver, precondition)
         stuck = _search(part, state, active, direction)
         steps[active] += 1
