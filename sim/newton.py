@@ -13,7 +13,7 @@ from sim.linear import DirectFactors, Layout, Preconditioner, conjugate_gradient
 from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
-_SMALL = 400  # points up to which one sparse factor per frame beats the two-level preconditioner
+_SMALL = 800  # points up to which one sparse factor per frame takes no longer than the two-level preconditioner
 
 
 class Status(Enum):
