@@ -116,6 +116,10 @@ class Layout:
         template, place = self.template
         return sp.csc_matrix((blocks.ravel()[place], template.indices, template.indptr), shape=template.shape)
 
+    def factor(self, blocks: np.ndarray) -> Cholesky | SuperLU:
+        """The factors of blocks (M, 3, 3), symmetric but not necessarily positive."""
+        return self.cholesky(blocks) or self.indefinite(blocks)
+
     def cholesky(self, blocks: np.ndarray) -> Cholesky | None:
         """The factor of blocks (M, 3, 3), or None where they are not positive definite."""
         try:
@@ -166,8 +170,7 @@ def solve_directly(tangent: Tangent, layout: Layout, right: np.ndarray) -> np.nd
 
     def solve(blocks: np.ndarray, v: np.ndarray) -> np.ndarray:
         columns = np.asfortranarray(v.reshape(len(v), -1).T)
-        factor = layout.cholesky(blocks) or layout.indefinite(blocks)
-        return factor.solve(columns).T.reshape(v.shape)
+        return layout.factor(blocks).solve(columns).T.reshape(v.shape)
 
     with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
         return np.concatenate([list(pool.map(solve, tangent.assembled(f), right[f])) for f in _chunks(tangent)])

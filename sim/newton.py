@@ -13,7 +13,8 @@ from sim.linear import DirectFactors, Layout, Preconditioner, conjugate_gradient
 from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
-_SMALL = 800  # points up to which one sparse factor per frame takes no longer than the two-level preconditioner
+_SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
+_ROOM = 200_000  # points of all frames together, up to which the factors are held: 8 kB a point
 
 
 class Status(Enum):
@@ -93,14 +94,14 @@ class LinearSolver:
 
     layout: Layout
     aggregates: Aggregates
-    direct: bool
+    direct: float  # points of all frames together, up to which they are factorised
     kept: Preconditioner | None = None  # of one state, for all others
 
     @classmethod
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
         """ "auto" factorises small clouds and takes the two-level preconditioner for the others."""
         cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
-        direct = linear == "direct" or (linear == "auto" and cloud.count <= _SMALL)
+        direct = {"direct": np.inf, "auto": _ROOM if cloud.count <= _SMALL else 0, "two-level": 0}[linear]
         aggregates = Aggregates.of(cloud, pattern, energy.fixed)
         return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
 
@@ -108,7 +109,8 @@ class LinearSolver:
         """A fresh preconditioner at the tangent's own state, unless one is kept."""
         if self.kept is not None:
             return self.kept
-        return DirectFactors.of(tangent, self.layout) if self.direct else TwoLevel.of(tangent, self.aggregates)
+        few = tangent.y[..., 0].size <= self.direct
+        return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
 
     def near(self, tangent: Tangent) -> "LinearSolver":
         """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""

@@ -36,7 +36,7 @@ class Vibrations:
         layout = Layout.of(elastic)
         weights = np.repeat(mass, 3)
         with serial_blas():
-            factor = layout.cholesky(blocks) or layout.indefinite(blocks)
+            factor = layout.factor(blocks)
 
             def solve(right: np.ndarray) -> np.ndarray:
                 full = np.zeros(len(weights))
