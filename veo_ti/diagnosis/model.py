@@ -16,6 +16,9 @@ from veo_ti.diagnosis.scene import Scene
 
 OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
 
+_LENGTHS = (1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the object's longest side, over which its stiffness may vary
+_AMPLITUDES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # standard deviations of log mu
+
 
 def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
     """What a cause does at theta; nothing for none."""
@@ -35,6 +38,18 @@ class Model:
     prior: np.ndarray  # (K + E,) of the material's coefficients and of the discretisation columns
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
+
+    def tuned(self, normal: Normal, prior: np.ndarray, s2: float) -> np.ndarray:
+        """The prior variances with the material's length and amplitude that have the highest evidence at s2 [m2].
+
+        normal: data linearised in all unknowns; prior: their variances, of which those of the material change.
+        """
+        basis, K = self.basis, self.basis.log_mu.shape[1]
+        if not basis.options.modes:
+            return prior
+        lengths = [max(share * basis.size, 2 * basis.spacing) for share in _LENGTHS]
+        choices = [np.concatenate([basis.prior(length, a), prior[K:]]) for length in lengths for a in _AMPLITUDES]
+        return max([prior, *choices], key=lambda choice: posterior(normal, choice, np.sqrt(s2)).evidence)
 
     def elastic(self, elastic: Elastic, a: np.ndarray) -> Elastic:
         """The elastic energy with the material of coefficients a."""
@@ -72,6 +87,10 @@ class Refit:
     def evidence(self, s2: float) -> float:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
         return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
+
+    def tuned(self, model: Model, s2: float) -> "Refit":
+        """The same under the material's prior of highest evidence: what was wrong before may have kept it too stiff."""
+        return replace(self, prior=model.tuned(self.normal, self.prior, s2))
 
     def used(self, s2: float) -> float:
         """Effective number of fitted parameters at a variance of the noise [m2]."""

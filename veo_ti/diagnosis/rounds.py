@@ -25,6 +25,8 @@ BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach
 _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
+_LOOKS = 3  # at most that a cause gets, each
+WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 _MOVES = 3  # of a cause's place after its refit
 _NOISE = 1.0  # of the noise between neighbours, that the noise they share may add at most
 _IN_REACH = 2.0  # times the least that any leaves
@@ -125,7 +127,7 @@ def scores_of(
         scene, model.basis, current.around[:K], model.extra, directions,
         residual=scene.target.residual(current.simulated), modes=modes,
     )  # fmt: skip
-    statistics = Statistics(moments=found, s2=model.s2, prior=model.prior)
+    statistics = Statistics(moments=found, s2=model.s2, prior=current.prior)
     least = _least(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     scores = [
         score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)
@@ -158,21 +160,31 @@ def _tried(
 ) -> tuple[list[Refit], float]:
     """The leaders refitted, and the noise that the best of them leaves: what it explains was no noise.
 
-    A refit that leaves less than was taken for noise is done once more at what it leaves, unless another leaves far
-    less at the first try.
+    A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done once
+    more at what it leaves, unless another leaves far less.
     """
     tried = [_placed(_tried_once(found, current, model, say), model, say) for found in leaders]
-    left = [_left_by(result, modes) for result in tried]
-    closer = [i for i, s2 in enumerate(left) if s2 < min(_CLOSER * model.s2, _IN_REACH * min(left))]
-    for i in closer:
-        say(f"closer look at {leaders[i].name}")
-        own, before = replace(model, s2=left[i]), tried[i]
-        again = refit(
-            before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
-        )
-        tried[i] = _placed(again, own, say)
-        left[i] = min(left[i], _left_by(tried[i], modes))
-    return tried, min([model.s2, *(left[i] for i in closer)])
+    weighed, reached = [model.s2] * len(tried), model.s2
+    for _ in range(_LOOKS):
+        left = [_left_by(result, modes) for result in tried]
+        better = [result.tuned(model, s2) for result, s2 in zip(tried, left, strict=True)]
+        closer = [
+            i for i, s2 in enumerate(left)
+            if s2 < _IN_REACH * min(left)
+            and (s2 < _CLOSER * weighed[i] or better[i].evidence(s2) - tried[i].evidence(s2) > WORTH)
+        ]  # fmt: skip
+        for i in closer:
+            say(f"closer look at {leaders[i].name}")
+            before = better[i]
+            own = replace(model, s2=left[i], prior=before.prior[: len(before.coefficients)])
+            again = refit(
+                before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
+            )
+            tried[i], weighed[i] = _placed(again, own, say), left[i]
+            reached = min(reached, left[i], _left_by(tried[i], modes))
+        if not closer:
+            break
+    return tried, reached
 
 
 def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
@@ -205,8 +217,9 @@ def _left_by(result: Refit, modes: np.ndarray) -> float:
 def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
     left = statistics_of(result, model, modes).misfit()
-    predicted = (current.left_out(s2, BLOCKS) - result.left_out(s2, BLOCKS)) / (2 * s2)
-    gained = result.evidence(s2) - current.evidence(s2)
+    with_it, without = result.tuned(model, s2), current.tuned(model, s2)
+    predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
+    gained = with_it.evidence(s2) - without.evidence(s2)
     return Candidate(
         refit=result, gained=gained, predicted=predicted, misfit=left,
         settled=result.converged or result.short < SHORT * gained,
@@ -219,4 +232,4 @@ def statistics_of(result: Refit, model: Model, modes: np.ndarray) -> Statistics:
     taken, K = result.taken_in(), model.basis.log_mu.shape[1]
     residual = taken.scene.target.residual(taken.simulated) * taken.scene.train[:, None, None]
     found = moments_of(result.kept, result.around[:K], len(model.extra), residual, taken.scene.target.seen, modes)
-    return Statistics(moments=found, s2=model.s2, prior=model.prior)
+    return Statistics(moments=found, s2=model.s2, prior=taken.prior)

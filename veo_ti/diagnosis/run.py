@@ -14,7 +14,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.rounds import Progress, Round, counted, look
+from veo_ti.diagnosis.rounds import WORTH, Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.verdict import BESIDE, Candidate, Verdict, stands, unexplained
 from veo_ti.identification import Identification
@@ -68,6 +68,10 @@ def diagnose(
     say("baseline")
     start = np.concatenate([state.a, np.zeros(len(extra))])
     baseline = refit(scene, model, start)
+    better = baseline.tuned(model, model.s2)
+    if better.evidence(model.s2) - baseline.evidence(model.s2) > WORTH:
+        model = replace(model, prior=better.prior)
+        baseline = refit(scene, model, baseline.coefficients)
     reasons = {cause.name: cause.untestable(scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
@@ -75,7 +79,8 @@ def diagnose(
         """The model and the floor once a cause is part of it: what it explains was no noise."""
         left = found.refit.taken_in().scene
         less = replace(noise, correlation=min(noise.correlation, measure_noise(left, modes).correlation))
-        return replace(model, s2=counted(left, less, modes)), less.variance
+        prior = found.refit.prior[: len(found.refit.coefficients)]
+        return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
 
     even = goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
     rounds = _rounds(look(baseline, model, noise.variance, modes, open_causes, say, even=even), narrower, modes,
