@@ -8,7 +8,7 @@ from sim.energy import Energy, Tangent
 from sim.linear import Preconditioner
 from sim.newton import LinearSolver
 
-_DIRECT = 6000  # points up to which "auto" factorises: 1300 take as long as 40 steps of conjugate gradients
+_DIRECT = 6000  # points up to which "auto" factorises: one factor serves many steps in time
 _WORN = 16  # steps of conjugate gradients that tell that a factor is out of date
 
 

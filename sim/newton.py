@@ -14,7 +14,7 @@ from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
-_ROOM = 200_000  # points of all frames together, up to which the factors are held: 8 kB a point
+_ROOM = 200_000  # points of all frames together, up to which the factors are held: 10 kB a point at most
 
 
 class Status(Enum):

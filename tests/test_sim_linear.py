@@ -13,6 +13,7 @@ from sim.lame import Lame
 from sim.linear import DirectFactors, Layout, conjugate_gradients, solve_directly
 from sim.newton import LinearSolver
 from sim.terms.handles import Handles
+from sim.twolevel import TwoLevel
 
 KINDS = ("two-level", "direct")
 
@@ -117,6 +118,15 @@ def test_frames_are_solved_as_if_alone(tangent):
     alone = conjugate_gradients(part.product, right[1:], solver.preconditioner(part))
     assert alone.iterations[0] == both.iterations[1]
     assert sim_cases.relative(both.x[1:], alone.x) < 1e-6  # within the tolerance of both
+
+
+def test_solver_is_chosen_by_size_and_by_how_many_frames_there_are(tangent, monkeypatch):
+    energy, large = tangent.energy, held(sim_cases.elastic("poisson", count=1000), frames=1)
+    assert isinstance(LinearSolver.of(energy).preconditioner(tangent), DirectFactors)
+    assert isinstance(LinearSolver.of(large.energy).preconditioner(large), TwoLevel)
+    monkeypatch.setattr("sim.newton._ROOM", tangent.y.shape[1])  # of one frame; there are two
+    assert isinstance(LinearSolver.of(energy).preconditioner(tangent), TwoLevel)
+    assert isinstance(LinearSolver.of(energy, "direct").preconditioner(tangent), DirectFactors)
 
 
 def test_fixed_points_do_not_move(tangent):

@@ -12,11 +12,9 @@ from sim.cloud import RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.lame import Lame
-from sim.linear import DirectFactors
-from sim.newton import LinearSolver, NewtonOptions, NotConverged, Status, equilibrate
+from sim.newton import NewtonOptions, NotConverged, Status, equilibrate
 from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
-from sim.twolevel import TwoLevel
 
 LOADS = np.array([[0.0, 0.008, -0.02], [0.05, -0.01, 0.006], [0.0, 0.0, 0.0]])  # [N] on a body of about 1 Pa
 
@@ -213,18 +211,6 @@ def test_progress_hears_of_every_step(energy):
     result = equilibrate(energy, start, progress=lambda step, residual: heard.append((step, residual.max())))
     assert [step for step, _ in heard] == list(range(result.iterations.max() + 1))
     assert heard[-1][1] == result.residual.max()
-
-
-def test_solver_is_chosen_by_size_and_by_how_many_frames_there_are(energy, monkeypatch):
-    tangent = energy.tangent(sim_cases.at_rest(energy.elastic.cloud, 3))
-    assert isinstance(LinearSolver.of(energy).preconditioner(tangent), DirectFactors)
-    large = sim_cases.clamped(sim_cases.elastic("poisson", count=1000), LOADS)
-    one = large.frames(np.array([0]))
-    many = one.tangent(sim_cases.at_rest(large.elastic.cloud, 1))
-    assert isinstance(LinearSolver.of(large).preconditioner(many), TwoLevel)
-    monkeypatch.setattr("sim.newton._ROOM", 2 * energy.elastic.cloud.count)
-    assert isinstance(LinearSolver.of(energy).preconditioner(tangent), TwoLevel)
-    assert isinstance(LinearSolver.of(energy, "direct").preconditioner(tangent), DirectFactors)
 
 
 @pytest.mark.parametrize(

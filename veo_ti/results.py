@@ -62,7 +62,7 @@ def sentence(metrics: dict) -> str:
 
 
 def gained(metrics: dict) -> str:
-    """What the field of moduli is worth on held-out frames, in a sentence; nothing where it was not measured."""
+    """What the field of moduli is worth on held-out frames, a sentence to append; empty where it was not measured."""
     found = metrics.get("gained_mm", {}).get("over_homogeneous")
     if found is None:
         return ""

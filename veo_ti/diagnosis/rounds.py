@@ -160,13 +160,13 @@ def _tried(
 ) -> tuple[list[Refit], float]:
     """The leaders refitted, and the noise that the best of them leaves: what it explains was no noise.
 
-    A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done once
-    more at what it leaves, unless another leaves far less.
+    A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
+    at what it leaves, up to three times, unless another leaves far less.
     """
     tried = [_placed(_tried_once(found, current, model, say), model, say) for found in leaders]
+    left = [_left_by(result, modes) for result in tried]
     weighed, reached = [model.s2] * len(tried), model.s2
     for _ in range(_LOOKS):
-        left = [_left_by(result, modes) for result in tried]
         better = [result.tuned(model, s2) for result, s2 in zip(tried, left, strict=True)]
         closer = [
             i for i, s2 in enumerate(left)
@@ -181,7 +181,8 @@ def _tried(
                 before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
             )
             tried[i], weighed[i] = _placed(again, own, say), left[i]
-            reached = min(reached, left[i], _left_by(tried[i], modes))
+            left[i] = _left_by(tried[i], modes)
+            reached = min(reached, weighed[i], left[i])
         if not closer:
             break
     return tried, reached
