@@ -226,6 +226,7 @@ CASES = {
     "wrong name": (["inertia"], "named", ["softening"]),
     "extra name": (["inertia"], "named", ["inertia", "softening"]),
     "one of two": (["inertia", "softening"], "named", ["softening"]),
+    "one of two, other inside": (["inertia", "softening"], "named", ["softening"], ["damping", "inertia"]),
     "ambiguous, truth inside": (["inertia"], "ambiguous", ["softening", "inertia"]),
     "ambiguous, without": (["swelling"], "ambiguous", ["softening", "inertia"]),
     "unexplained": (["swelling"], "unexplained", []),
@@ -236,10 +237,10 @@ CASES = {
 
 @pytest.mark.parametrize("expected", CASES)
 def test_outcomes(expected):
-    effects, verdict, names = CASES[expected]
+    effects, verdict, names, *either = CASES[expected]
     said = {"verdict": verdict, "named": names if verdict == "named" else [], "causes": [{"name": n} for n in names]}
-    assert outcome({"effects": effects}, said) == expected
-    assert expected in OUTCOMES
+    said["rounds"] = [{"verdict": "ambiguous" if either else verdict, "causes": either[0] if either else names}]
+    assert outcome({"effects": effects}, said) == expected and expected in OUTCOMES
 
 
 def test_report_of_errors_only_and_exact_bounds():

@@ -21,6 +21,12 @@ from veo_ti.diagnosis.verdict import Candidate, unexplained
 FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), 0.02
 
 
+class OtherForce(HiddenForce):
+    """The same physics under another name: no measurement tells it apart."""
+
+    name = "other_force"
+
+
 @pytest.fixture(scope="module")
 def both() -> Beside:
     return Beside(HiddenForce(), CameraScale())
@@ -80,16 +86,36 @@ def test_two_that_explain_together_what_none_explains_alone_are_named(filmed, mo
 def pair(first: str, second: str, evidence: float, explained: float = 0.95) -> pairs._Pair:
     def candidate(name: str) -> Candidate:
         told = SimpleNamespace(cause=SimpleNamespace(name=name, sentence=name), evidence=lambda s2: evidence)
+        told.tuned = lambda *_: told
         left = Misfit(energy=3.0, mean=0.0, sd=1.0)
         return Candidate(refit=told, gained=100, predicted=100, misfit=left, explained=explained, settled=True,
                          plausible=True)  # fmt: skip
 
-    return pairs._Pair(first=candidate(first), second=candidate(second), found=SimpleNamespace(s2=1.0))
+    found = SimpleNamespace(s2=1.0)
+    return pairs._Pair(first=candidate(first), second=candidate(second), found=found, model=None)
 
 
-def test_a_pair_is_named_only_where_no_other_comes_near():
+def test_a_pair_is_alone_only_where_no_other_comes_near():
     best, far, near = pair("a", "b", 200), pair("a", "c", 100), pair("d", "b", 190)
-    assert pairs._clear([far, best]) is best
-    assert pairs._clear([far, best, near]) is None
-    assert pairs._clear([best, pair("b", "a", 199)]) is best  # the same two, found the other way round
-    assert pairs._clear([]) is None
+    assert pairs._near([far, best]) == [best]
+    assert pairs._near([far, near, best]) == [best, near]
+    assert pairs._near([best, pair("b", "a", 199)]) == [best]  # the same two, found the other way round
+    assert pairs._near([]) == []
+
+
+def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811
+    """Two hidden forces at places so near that the data cannot choose, each beside the camera's wrong scale."""
+    wrong = refit(filmed, model, np.zeros(len(model.prior)))
+    modes = model.basis.field.modes[:, :12]
+    causes = [HiddenForce(), OtherForce(), CameraScale()]
+    alone = replace(look(wrong, model, NOISE**2, modes, causes, lambda text: None), verdict=unexplained(()))
+    said = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None)
+    assert said is not None
+    first, second = said
+    assert (first.verdict.kind, [c.name for c in first.verdict.causes]) == ("named", ["camera_scale"])
+    assert second.verdict.kind == "ambiguous"
+    assert {c.name for c in second.verdict.causes} == {"hidden_force", "other_force"}
+    assert second.experiment is not None
+    parts = {part.cause.name: part for part in second.extended.apart()}
+    assert parts["camera_scale"].theta[0] == pytest.approx(SCALE, abs=4 * parts["camera_scale"].sd[0])
+    assert first.verdict.causes[0].refit.theta[0] == parts["camera_scale"].theta[0]

@@ -60,7 +60,11 @@ def outcome(truth: dict, said: dict) -> str:
         return "ambiguous, truth inside" if catalogued & {c["name"] for c in said["causes"]} else "ambiguous, without"
     if not set(named) <= effects:
         return "extra name" if named[0] in effects else "wrong name"
-    return "right" if len(named) == len(effects) else "one of two"
+    if len(named) == len(effects):
+        return "right"
+    last = said["rounds"][-1]
+    either = last["verdict"] == "ambiguous" and catalogued - set(named) <= set(last["causes"])
+    return "one of two, other inside" if either else "one of two"
 
 
 def covered(truth: dict, said: dict) -> list[dict[str, object]]:

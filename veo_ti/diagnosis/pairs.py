@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Progress, Round, look
-from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, named, stands
+from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, either, named, stands
 
 _STARTS = 2  # causes that a second one is looked for beside
 
@@ -18,10 +19,16 @@ class _Pair:
     first: Candidate
     second: Candidate  # refitted together with the first
     found: Round
+    model: Model
 
     @property
     def names(self) -> frozenset[str]:
         return frozenset((self.first.name, self.second.name))
+
+    def part(self, name: str) -> Candidate:
+        """The one of that name, with the parameters that both have together."""
+        chosen = self.first if self.first.name == name else self.second
+        return replace(chosen, refit=next(r for r in self.second.refit.apart() if r.cause.name == name))
 
 
 def two_at_once(
@@ -32,6 +39,7 @@ def two_at_once(
 
     alone: a round whose verdict is "unexplained"; narrower(candidate): model and floor once that cause is part of it.
     A second cause is looked for beside each of the two that explain most, at least half; both are refitted together.
+    Where all pairs that come near have one cause in common, that one is named and the second round is ambiguous.
     """
     starts = [
         c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
@@ -41,11 +49,28 @@ def two_at_once(
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
         found = look(start.refit, model, floor, modes, [c for c in causes if c.name != start.name], say)
-        pairs += [_Pair(first=start, second=c, found=found) for c in found.candidates if _holds(start, c)]
-    best = _clear(pairs)
-    if best is None:
-        return None
-    return replace(alone, verdict=named(best.first)), replace(best.found, verdict=named(best.second))
+        pairs += [_Pair(first=start, second=c, found=found, model=model) for c in found.candidates if _holds(start, c)]
+    near = _near(pairs)
+    if len(near) == 1:
+        best = near[0]
+        return (
+            replace(alone, verdict=named(best.first), extended=best.first.refit),
+            replace(best.found, verdict=named(best.second), extended=best.second.refit),
+        )
+    shared = frozenset.intersection(*(p.names for p in near)) if near else ()
+    return _one_and_either(alone, near, *shared, say=say) if len(shared) == 1 else None
+
+
+def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Progress) -> tuple[Round, Round]:
+    """The cause that all pairs have in common, and those that could each stand beside it."""
+    say("what would tell them apart")
+    best, joint = near[0], near[0].second.refit
+    rivals = [p.part(other) for p in near for other in p.names - {name}]
+    experiment = separating(joint.taken_in(), rivals[0].refit, rivals[1].refit, best.model, best.found.s2)
+    return (
+        replace(alone, verdict=named(best.part(name)), extended=joint),
+        replace(best.found, verdict=either(rivals), extended=joint, experiment=experiment),
+    )
 
 
 def _holds(first: Candidate, second: Candidate) -> bool:
@@ -54,14 +79,16 @@ def _holds(first: Candidate, second: Candidate) -> bool:
     return adds and stands((first, second))
 
 
-def _clear(pairs: Sequence[_Pair]) -> _Pair | None:
-    """The best pair, unless another one is nearly as good; all are compared at the noise that the best of them left."""
+def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
+    """The best pair, then others that are nearly as good; all are compared at the noise that the best of them left."""
     if not pairs:
-        return None
+        return []
     s2 = min(p.found.s2 for p in pairs)
-    worth = {id(p): p.second.refit.evidence(s2) for p in pairs}
-    best = max(pairs, key=lambda p: worth[id(p)])
-    gained = best.first.gained + best.second.gained
-    margin = max(APART, APART_SHARE * gained)
-    rivals = [p for p in pairs if p.names != best.names and worth[id(best)] - worth[id(p)] < margin]
-    return None if rivals else best
+    worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}
+    best, *others = sorted(pairs, key=lambda p: -worth[id(p)])
+    margin = max(APART, APART_SHARE * (best.first.gained + best.second.gained))
+    near = {best.names: best}
+    for p in others:
+        if worth[id(best)] - worth[id(p)] < margin:
+            near.setdefault(p.names, p)
+    return list(near.values())

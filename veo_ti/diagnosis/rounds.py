@@ -18,7 +18,8 @@ from veo_ti.diagnosis.placing import better_place
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
-from veo_ti.diagnosis.verdict import MISFIT, TESTABLE, VISIBLE, VISIBLE_SHARE, Candidate, Verdict, judge, nothing
+from veo_ti.diagnosis.verdict import EXPLAINED, MISFIT, SURVIVES, TESTABLE, TOGETHER, Candidate, Verdict, judge, nothing
+from veo_ti.diagnosis.visible import least_visible, noise_alike, visible
 
 SHORT = 0.02  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
@@ -28,7 +29,6 @@ _CLOSER = 0.7  # share of the variance that a cause must leave to be worth a sec
 _LOOKS = 3  # at most that a cause gets, each
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 _MOVES = 3  # of a cause's place after its refit
-_NOISE = 1.0  # of the noise between neighbours, that the noise they share may add at most
 _IN_REACH = 2.0  # times the least that any leaves
 
 Progress = Callable[[str], None]
@@ -36,13 +36,17 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
-    """One look for a cause: what was wrong, every score, the refitted leaders, the verdict."""
+    """One look for a cause: what was wrong, every score, the refitted leaders, the verdict.
+
+    extended: the model with what was named; where several could be what a named cause leaves, with the likeliest.
+    """
 
     misfit: Misfit
     scores: tuple[Score, ...]  # best first
     candidates: tuple[Candidate, ...]  # best first
     verdict: Verdict
     s2: float  # variance [m2] at which the candidates were weighed
+    extended: Refit | None = None
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
 
@@ -58,54 +62,38 @@ def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
 
 def look(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
-    even: bool = False,
+    even: bool = False, shadow: bool = False,
 ) -> Round:  # fmt: skip
     """Look for a cause beside what `current` holds: nothing, or a cause whose parameters then stay free.
 
     floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: whether
-    what is wrong goes on evenly, as noise does.
+    what is wrong goes on evenly, as noise does; shadow: whether `current` explains most already, so that what is left
+    may be its own shadow: only a cause that little can imitate, and that explains nearly all of it, is then named.
     """
     taken = current.taken_in()
     say("fingerprints of all causes")
     statistics, scores = scores_of(taken, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
-    excess, local = _excess(taken, model.s2, modes)
-    if misfit.z < MISFIT or excess <= _least(taken.scene, local):
+    if misfit.z < MISFIT or not visible(taken, model.s2, modes):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
-    if even and excess < _NOISE * local:
+    if even and noise_alike(taken, model.s2, modes):
         return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True), s2=model.s2)
-    leaders = _narrowed(_leaders(scores), taken, model, floor, modes, say)
+    leaders = _narrowed(_leaders(scores, SURVIVES if shadow else TESTABLE), taken, model, floor, modes, say)
     tried, s2 = _tried(leaders, current, model, modes, say)
     floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result in tried)])
     before = statistics_of(current, replace(model, s2=floor), modes).misfit()
     candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result in tried]
     candidates.sort(key=lambda c: -c.gained)
-    verdict, experiment = judge(misfit, candidates), None
+    verdict, experiment = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), None
     if verdict.kind == "ambiguous":
         say("what would tell them apart")
         first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])
         experiment = separating(taken, first, second, model, s2)
+    holds = verdict.kind == "named" or (verdict.kind == "ambiguous" and current.cause is not None)
     return Round(
-        misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment
-    )
-
-
-def _excess(current: Refit, s2: float, modes: np.ndarray) -> tuple[float, float]:
-    """Root mean square per coordinate [m] of what is left beyond noise, and the noise as neighbours show it."""
-    scene = current.scene
-    seen = scene.target.seen & scene.train[:, None]
-    square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
-        3 * seen.sum() - current.used(s2)
-    )
-    local = measure_noise(scene, modes).local
-    return float(np.sqrt(max(square - local**2, 0.0))), local
-
-
-def _least(scene: Scene, sigma: float) -> float:
-    """The root mean square of an effect [m], per coordinate, below which the simulation's own error is as large."""
-    seen = scene.target.seen & scene.train[:, None]
-    motion = np.sqrt((((scene.y - scene.cloud.x) ** 2).sum(axis=2) * seen).sum() / (3 * seen.sum()))
-    return max(VISIBLE * sigma, VISIBLE_SHARE * float(motion))
+        misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment,
+        extended=verdict.causes[0].refit if holds else None,
+    )  # fmt: skip
 
 
 def scores_of(
@@ -128,7 +116,7 @@ def scores_of(
         residual=scene.target.residual(current.simulated), modes=modes,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=current.prior)
-    least = _least(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
+    least = least_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     scores = [
         score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)
         for cause, places, columns in table
@@ -136,9 +124,9 @@ def scores_of(
     return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
 
 
-def _leaders(scores: Sequence[Score]) -> list[Score]:
-    """Those worth a refit: the best, and others that come near; none that the nuisances swallow."""
-    able = [s for s in scores if s.keep > TESTABLE and s.log_bayes > _LEAST]
+def _leaders(scores: Sequence[Score], keep: float) -> list[Score]:
+    """Those worth a refit: the best, and others that come near; none of which the nuisances leave no more than keep."""
+    able = [s for s in scores if s.keep > keep and s.log_bayes > _LEAST]
     return [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
 
 

@@ -16,7 +16,8 @@ from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import WORTH, Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.verdict import BESIDE, Candidate, Verdict, stands, unexplained
+from veo_ti.diagnosis.verdict import MISFIT, Candidate, Verdict, stands, unexplained
+from veo_ti.diagnosis.visible import visible
 from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
@@ -29,7 +30,7 @@ class Diagnosis:
     identification: Identification
     noise: Noise
     baseline: Refit  # before any cause
-    final: Refit  # with the named causes; the baseline where there are none
+    final: Refit  # with the named causes, and the likeliest of what else it may be; the baseline where none is named
     rounds: tuple[Round, ...]
     untestable: dict[str, str]  # cause -> why
     gain: Gain | None
@@ -85,8 +86,7 @@ def diagnose(
     even = goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
     rounds = _rounds(look(baseline, model, noise.variance, modes, open_causes, say, even=even), narrower, modes,
                      open_causes if second else (), say)  # fmt: skip
-    named = [r.verdict.causes[0] for r in rounds if r.verdict.kind == "named"]
-    current = named[-1].refit if named else baseline
+    current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
         untestable={name: reason for name, reason in reasons.items() if reason}, seconds=time.perf_counter() - began,
@@ -104,15 +104,20 @@ def _rounds(
     first: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
     say: Progress,
 ) -> list[Round]:  # fmt: skip
-    """The first look; a second one beside what it named, if that explains enough; else two causes at once."""
+    """The first look; a second one beside what it named, if that explains enough; else two causes at once.
+
+    None is looked for in what is as small as the simulation's own error.
+    """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
         others = [cause for cause in causes if cause.name != found[0].name]
-        worth = bool(others) and 1 - found[0].explained >= BESIDE
-        return [first, look(found[0].refit, *narrower(found[0]), modes, others, say)] if worth else [first]
+        model, floor = narrower(found[0])
+        if not others or found[0].misfit.z < MISFIT or not visible(found[0].refit.taken_in(), model.s2, modes):
+            return [first]
+        return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
     if kind not in ("named", "unexplained"):
         return [first]
-    alone = replace(first, verdict=unexplained(found)) if found else first
+    alone = replace(first, verdict=unexplained(found), extended=None) if found else first
     return list(two_at_once(alone, narrower, modes, causes, say) or [alone])
 
 

@@ -47,8 +47,9 @@ def place(refit: Refit) -> str:
 
 
 def present(diagnosis: Diagnosis) -> tuple[Refit, ...]:
-    """The named causes with the parameters that they have together."""
-    return diagnosis.final.apart() if diagnosis.named else ()
+    """The named causes with the parameters that they have together, in order."""
+    parts = {refit.cause.name: refit for refit in diagnosis.final.apart()} if diagnosis.named else {}
+    return tuple(parts[candidate.name] for candidate in diagnosis.named)
 
 
 def _of(refit: Refit) -> str:
@@ -58,26 +59,22 @@ def _of(refit: Refit) -> str:
 
 def _named(diagnosis: Diagnosis) -> str:
     told = [refit.cause.sentence.rstrip(".") + _of(refit) for refit in present(diagnosis)]
-    return f"{'; besides: '.join(told)}; {_gained(diagnosis)}{_left(diagnosis)}."
+    last, them = diagnosis.rounds[-1].verdict, "it" if len(told) == 1 else "them"
+    if last.kind == "ambiguous":
+        told.append(" or ".join(words(c.name) for c in last.causes) + ", which this measurement cannot tell apart")
+        them = f"{them} and the first of these"
+    left = "; something else is still wrong, and no known cause explains it" if last.kind == "unexplained" else ""
+    return f"{'; besides: '.join(told)}; {_gained(diagnosis, them)}{left}."
 
 
-def _gained(diagnosis: Diagnosis) -> str:
+def _gained(diagnosis: Diagnosis, them: str) -> str:
     g = diagnosis.gain
     if g is None:
         return "no frames were held out, so what knowing it gains was not measured"
     change = f"from {g.before_mm:.2g} to {g.after_mm:.2g} mm (noise: {g.noise_mm:.2g} mm)"
     if g.confirmed:
-        return f"with it, the error on held-out frames falls {change}"
-    return f"with it, the error on held-out frames goes {change}, which may be chance"
-
-
-def _left(diagnosis: Diagnosis) -> str:
-    last = diagnosis.rounds[-1].verdict
-    if last.kind == "unexplained":
-        return "; something else is still wrong, and no known cause explains it"
-    if last.kind == "ambiguous":
-        return f"; what is still wrong could be {' or '.join(words(c.name) for c in last.causes)}"
-    return ""
+        return f"with {them}, the error on held-out frames falls {change}"
+    return f"with {them}, the error on held-out frames goes {change}, which may be chance"
 
 
 def _ambiguous(diagnosis: Diagnosis) -> str:

@@ -8,19 +8,17 @@ from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
-VISIBLE = 0.35  # of the noise, and
-VISIBLE_SHARE = 0.004  # of the motion: root mean square below which the simulation's own error is as large
 BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind; but
 CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted:
 SURE = 12.0  # nats then, or as many as what it leaves is worth
-EXPLAINED = 0.5  # share of the misfit's excess that a named cause must explain
+EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
-TOGETHER = 0.9  # share that all named causes must explain together, and
-BOTH = 0.96  # where none of them does alone: two can imitate more than one
-BESIDE = 0.02  # share of it below which no second cause is looked for: the first one's shape is not known so well
-TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it
+TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
+BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one
+TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it, and
+SURVIVES = 0.5  # in the shadow of one that explains most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,25 +70,28 @@ def nothing(*, even: bool = False) -> Verdict:
     return Verdict(kind="no_misfit", causes=(), sentence=sentence)
 
 
-def judge(misfit: Misfit, candidates: Sequence[Candidate]) -> Verdict:
-    """The verdict on one round."""
+def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED) -> Verdict:
+    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several."""
     if misfit.z < MISFIT:
         return nothing()
     accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.settled]
     accepted.sort(key=lambda c: -c.gained)
-    if not accepted or accepted[0].explained < EXPLAINED:
+    if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
     rivals = [c for c in accepted[1:] if best.gained - c.gained < _margin(best) and not _rejected(c, best)]
     if rivals and best.explained < TOGETHER:
         return unexplained(accepted[:1])
     if rivals:
-        names = ", ".join(c.name for c in (best, *rivals))
-        return Verdict(
-            kind="ambiguous", causes=(best, *rivals),
-            sentence=f"This measurement cannot tell these causes apart: {names}.",
-        )  # fmt: skip
+        return either((best, *rivals))
     return named(best)
+
+
+def either(causes: Sequence[Candidate]) -> Verdict:
+    """Each of several causes would do."""
+    names = ", ".join(c.name for c in causes)
+    sentence = f"This measurement cannot tell these causes apart: {names}."
+    return Verdict(kind="ambiguous", causes=tuple(causes), sentence=sentence)
 
 
 def named(cause: Candidate) -> Verdict:
