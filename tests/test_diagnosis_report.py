@@ -13,6 +13,7 @@ from sim.lame import Lame
 from veo_ti import cli, stage
 from veo_ti.body import sample_box
 from veo_ti.diagnosis.causes import CATALOGUE
+from veo_ti.diagnosis.experiment import Experiment
 from veo_ti.diagnosis.facts import facts
 from veo_ti.diagnosis.missing import missing_force
 from veo_ti.diagnosis.pictures import missing_force_picture
@@ -139,6 +140,17 @@ def test_ambiguous_verdict_names_all_that_it_may_be(pulled):
     assert found["ambiguous_with"] == [both[1].name]
     assert all(c.name.replace("_", " ") in found["sentence"] for c in both)
     assert "cannot tell" in found["sentence"]
+
+
+def test_what_stands_beside_a_named_cause_may_be_ambiguous(pulled):
+    both, asked = pulled.rounds[0].candidates[:2], Experiment(description="a slow push", now=1.0, then=9.0)
+    verdict = Verdict(kind="ambiguous", causes=both, sentence="")
+    beside = replace(pulled.rounds[0], verdict=verdict, experiment=asked)
+    found = facts(replace(pulled, rounds=(pulled.rounds[0], beside)))
+    first, second = (c.name.replace("_", " ") for c in both)
+    assert [c["name"] for c in found["causes"]] == [c.name for c in pulled.named] and found["ambiguous_with"] == []
+    assert f"besides: {first} or {second}, which this measurement cannot tell apart" in found["sentence"]
+    assert found["sentence"].endswith(f"To tell {first} from {second}, measure a slow push.")
 
 
 def test_unexplained_verdict_names_the_nearest_but_no_cause(pulled, tmp_path):

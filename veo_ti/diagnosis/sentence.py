@@ -4,6 +4,7 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
 
 _STRAY = 0.002  # share of stray positions from which they are mentioned
@@ -64,7 +65,7 @@ def _named(diagnosis: Diagnosis) -> str:
         told.append(" or ".join(words(c.name) for c in last.causes) + ", which this measurement cannot tell apart")
         them = f"{them} and the first of these"
     left = "; something else is still wrong, and no known cause explains it" if last.kind == "unexplained" else ""
-    return f"{'; besides: '.join(told)}; {_gained(diagnosis, them)}{left}."
+    return f"{'; besides: '.join(told)}; {_gained(diagnosis, them)}{left}.{_to_tell(diagnosis.rounds[-1])}"
 
 
 def _gained(diagnosis: Diagnosis, them: str) -> str:
@@ -80,8 +81,14 @@ def _gained(diagnosis: Diagnosis, them: str) -> str:
 def _ambiguous(diagnosis: Diagnosis) -> str:
     told = [words(c.name) + _of(c.refit) for c in diagnosis.verdict.causes]
     said = f"The simulation is wrong beyond noise, and this measurement cannot tell the cause: {', or '.join(told)}."
-    experiment = diagnosis.rounds[0].experiment
-    return said if experiment is None else f"{said} To tell the first two apart, measure {experiment.description}."
+    return said + _to_tell(diagnosis.rounds[0])
+
+
+def _to_tell(found: Round) -> str:
+    if found.experiment is None:
+        return ""
+    first, second = (words(c.name) for c in found.verdict.causes[:2])
+    return f" To tell {first} from {second}, measure {found.experiment.description}."
 
 
 def _unexplained(diagnosis: Diagnosis) -> str:
