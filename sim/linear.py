@@ -63,6 +63,11 @@ def conjugate_gradients(
         active = ~(converged | curved)
         if not active.any():
             break
+        if step:
+            z = precondition(r)
+            following = _dots(r, z)
+            p = z + (following / np.where(rz > 0, rz, 1.0))[:, None, None] * p
+            rz = following
         q = product(p)
         curvature = _dots(p, q)
         bent = active & ((curvature <= 0) | (rz <= 0))
@@ -74,10 +79,6 @@ def conjugate_gradients(
         r -= a[:, None, None] * q
         iterations += active
         converged |= np.sqrt(_dots(r, r)) <= goal
-        z = precondition(r)
-        following = _dots(r, z)
-        p = z + (following / np.where(rz > 0, rz, 1.0))[:, None, None] * p
-        rz = following
     return Solve(x=x, iterations=iterations, converged=converged, curved=curved)
 
 

@@ -1,15 +1,17 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from sim.evidence import posterior
+from sim.sensitivity import responses
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Fingerprints, moments
+from veo_ti.diagnosis.moments import Fingerprints
+from veo_ti.diagnosis.scene import Scene
 
 _WORTH = 3.0  # nats that another place must promise
 
@@ -52,17 +54,21 @@ def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
         Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
         for place in places[1:]
     ]
-    K = model.basis.log_mu.shape[1]
-    steps = moments(scene, model.basis, result.around[:K], (), ways, keep=True).kept
-    residual, prior = scene.target.residual(result.simulated), result.prior
-    found = [_evidence(result, len(prior), None, result.around, residual, prior, model)]
-    for i in range(len(ways)):
-        taken = residual.copy()
-        for t, X in zip(steps.frames, steps.columns, strict=True):
-            seen = scene.target.seen[t]
-            taken[t, seen] -= X[K + i].reshape(-1, 3)
-        found.append(_evidence(result, len(prior), None, result.around, taken, prior, model))
-    return np.array(found)
+    frames, residual, prior = result.kept.frames, scene.target.residual(result.simulated), result.prior
+    taken = np.repeat(residual[None], len(places), axis=0)
+    for t, S in zip(frames, _pushed(scene, ways, frames), strict=True):
+        seen = scene.target.seen[t]
+        taken[1:, t, seen] -= S[:, seen]
+    return np.array([_evidence(result, len(prior), None, result.around, r, prior, model) for r in taken])
+
+
+def _pushed(scene: Scene, ways: Sequence[Direction], frames: np.ndarray) -> Iterator[np.ndarray]:
+    """The motions (W, N, 3) that directions lead to, frame by frame."""
+
+    def forces(local: np.ndarray) -> np.ndarray:
+        return np.stack([d.forces(scene, frames[local]) for d in ways], axis=1)
+
+    return responses(scene.energy.frames(frames), scene.y[frames], forces)
 
 
 def _evidence(
