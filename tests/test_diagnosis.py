@@ -1,7 +1,6 @@
 """The diagnosis: fingerprints against re-solved equilibria, statistics against dense algebra, noise, and verdicts."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from veo_ti.diagnosis.moments import Fingerprints, Moments, moments
 from veo_ti.diagnosis.noise import goes_on_evenly, measure_noise
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Statistics
-from veo_ti.diagnosis.verdict import Candidate, judge, stands
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
 
@@ -250,50 +248,3 @@ def test_limits_of_a_measurement_are_said(scene):
     assert "alike" in told(np.array([0, 3, 3, 3, 3, 3, 3, 3, 0, 3, 3, 3]))
     assert "Only" in told(rest_again[[0, 1, 2, 3, 0, 5]])
     assert "names a force" in told(rest_again, 0 * scene.forces[rest_again])
-
-
-def test_no_misfit_needs_no_candidates():
-    assert judge(Misfit(energy=110.0, mean=100.0, sd=10.0), ()).kind == "no_misfit"
-    assert judge(Misfit(energy=300.0, mean=100.0, sd=10.0), ()).kind == "unexplained"
-
-
-def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: bool):
-    """A refitted cause as the verdict sees it."""
-    told = SimpleNamespace(cause=SimpleNamespace(name=name, sentence=f"It is {name}."))
-    left = Misfit(energy=z, mean=0.0, sd=1.0)
-    return Candidate(
-        refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
-        settled=given.get("settled", True), plausible=given.get("plausible", True),
-    )  # fmt: skip
-
-
-WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
-
-
-@pytest.mark.parametrize(
-    ("candidates", "kind", "names"),
-    [
-        ([found("a", 100, 0.95), found("b", 60, 0.7)], "named", ["a"]),  # far ahead
-        ([found("a", 100, 0.95), found("b", 96, 0.94)], "ambiguous", ["a", "b"]),
-        ([found("a", 9000, 0.999, z=1), found("b", 8900, 0.99, z=7)], "named", ["a"]),  # a leaves noise: nats count
-        ([found("a", 9000, 0.95, z=30), found("b", 8900, 0.94, z=35)], "ambiguous", ["a", "b"]),  # neither is clean
-        ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
-        ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
-        ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
-        ([found("a", 100, 0.40)], "unexplained", []),
-        ([found("a", 5, 0.95)], "unexplained", []),  # too little evidence
-        ([found("a", 100, 0.95, predicted=2)], "unexplained", []),  # does not predict what it has not seen
-        ([found("a", 100, 0.95, plausible=False), found("b", 50, 0.9)], "named", ["b"]),
-        ([found("a", 100, 0.95, settled=False), found("b", 50, 0.9)], "named", ["b"]),  # a's refit did not end
-        ([], "unexplained", []),
-    ],
-)
-def test_verdicts(candidates, kind, names):
-    verdict = judge(WRONG, candidates)
-    assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
-
-
-def test_one_name_stands_with_nine_tenths_and_two_need_more():
-    part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
-    assert stands([most]) and not stands([good])
-    assert stands([good, good]) and not stands([part, part])

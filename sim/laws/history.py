@@ -28,6 +28,12 @@ def viscous_strain(E: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
     return out
 
 
+def at_once(time: np.ndarray, tau: float) -> np.ndarray:
+    """The share (T,) that a frame's own strain has in its viscous strain, `1 - (1 - e^-x) / x` with x = step / tau."""
+    x = np.diff(as_array("time", time, (None,))) / tau
+    return np.concatenate([[0.0], 1 + np.expm1(-x) / x])
+
+
 def damage(F: np.ndarray, scale: float) -> np.ndarray:
     """Mullins variable `D_t = 1 - exp(-max_{s<=t} I_s / scale)` in [0, 1), (T, ...), of a trajectory F (T, ..., 3, 3).
 

@@ -12,8 +12,8 @@ from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.moments import moments
-from veo_ti.diagnosis.refit import NEWTON
 from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.solved import NEWTON
 
 _UP = np.array([0, 0.25, 0.5, 0.75, 1.0])
 

@@ -1,7 +1,7 @@
 """A cause fitted for real: its parameters, the material and the discretisation together, by nonlinear solves."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -9,12 +9,13 @@ import numpy as np
 
 from sim.energy import Energy
 from sim.evidence import Normal, Posterior, jackknife, posterior
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
+from sim.newton import LinearSolver, Status
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
 from veo_ti.diagnosis.moments import Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.solved import Solved, solved
 
 _STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
@@ -24,9 +25,6 @@ _SHORTER = (0.1, 0.5)  # bounds of what a step is shortened to
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 _PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
 _T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
-_ROUNDS = 2  # of motion and what follows from it, such as damage
-_STILL = 0.1  # of the noise, by which no point may still move between them
-NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
 
 
 def refit(
@@ -75,41 +73,13 @@ def refit(
     return _result(state, cost, cause, place, found, prior, normal, line.kept, model, gain)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _State:
-    scene: Scene
-    without: Scene
-    coefficients: np.ndarray
-    theta: np.ndarray
-    equilibrium: Equilibrium
-
-
-def _solved(
-    scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    coefficients: np.ndarray, theta: np.ndarray,
-) -> _State:  # fmt: skip
-    K = model.basis.log_mu.shape[1]
-    energy = base.with_elastic(model.elastic(base.elastic, coefficients[:K]))
-    for _ in range(_ROUNDS if cause is not None and cause.follows else 1):
-        change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
-        extended = replace(energy, terms=(*base.terms, *change.terms))
-        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
-        before, scene = scene.y, scene.moved(extended, equilibrium.y)
-        if np.abs(scene.y - before).max() < _STILL * np.sqrt(model.s2):
-            break
-    return _State(
-        scene=scene, without=scene.moved(energy, scene.y), coefficients=coefficients, theta=theta,
-        equilibrium=equilibrium,
-    )  # fmt: skip
-
-
 def _residual(scene: Scene, cause: Cause | None, place: Any, theta: np.ndarray) -> np.ndarray:
     """Observed minus shown, without the discretisation's part, on the frames that train, (T, N, 3)."""
     r = scene.target.residual(shown_by(scene, change_of(scene, cause, theta, place)))
     return r * scene.train[:, None, None]
 
 
-def _cost(state: _State, model: Model, cause: Cause | None, place: Any, prior: np.ndarray) -> float:
+def _cost(state: Solved, model: Model, cause: Cause | None, place: Any, prior: np.ndarray) -> float:
     """Minus the log posterior; infinite where an equilibrium that counts was not found."""
     found = np.array([status is Status.CONVERGED for status in state.equilibrium.status])
     if not found[state.scene.train].all():
@@ -130,16 +100,16 @@ def _cost_of(
 def _best_start(
     scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
     theta: np.ndarray, start: np.ndarray, shift: np.ndarray | None, prior: np.ndarray,
-) -> tuple[_State, float]:  # fmt: skip
+) -> tuple[Solved, float]:  # fmt: skip
     """The longest of a few shares of the score step that costs less than no step; no step where none does."""
     if shift is None:
-        state = _solved(scene, base, model, solver, cause, place, start, theta)
+        state = solved(scene, base, model, solver, cause, place, start, theta)
         return state, _cost(state, model, cause, place, prior)
     most = float(np.abs(model.basis.log_mu @ shift[: model.basis.log_mu.shape[1]]).max())
     longest = min(1.0, _CAUTION / max(most, 1e-12))
     without = _cost_of(scene, np.zeros(0), start, model, None, None, model.prior)
     for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
-        state = _solved(scene, base, model, solver, cause, place, start + share * shift, share * theta)
+        state = solved(scene, base, model, solver, cause, place, start + share * shift, share * theta)
         cost = _cost(state, model, cause, place, prior)
         if cost < without:
             break
@@ -147,9 +117,9 @@ def _best_start(
 
 
 def _lower(
-    state: _State, cost: float, gain: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None,
+    state: Solved, cost: float, gain: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None,
     place: Any, change: np.ndarray, prior: np.ndarray,
-) -> tuple[_State, float] | None:  # fmt: skip
+) -> tuple[Solved, float] | None:  # fmt: skip
     """The longest of a few shortened steps that lowers the cost, or None.
 
     Shortened to the lowest point of the parabola through the cost, its slope and the cost of the step that failed.
@@ -158,7 +128,7 @@ def _lower(
     size = min(1.0, _CAUTION / max(float(np.abs(model.basis.log_mu @ change[:K]).max()), 1e-12))
     for _ in range(4):
         coefficients, theta = state.coefficients + size * change[:n], state.theta + size * change[n:]
-        trial = _solved(state.scene, base, model, solver, cause, place, coefficients, theta)
+        trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta)
         lower = _cost(trial, model, cause, place, prior)
         if lower < cost:
             return trial, lower
@@ -174,20 +144,20 @@ class _Line:
     A: np.ndarray
     kept: Fingerprints
 
-    def normal(self, state: _State, model: Model, cause: Cause | None, place: Any) -> Normal:
+    def normal(self, state: Solved, model: Model, cause: Cause | None, place: Any) -> Normal:
         """The data linearised around a state; the unknowns are the coefficients and theta themselves."""
         at = _around(state, model)
         seen = state.scene.target.seen
         return self.kept.normal(self.A, _residual(state.scene, cause, place, state.theta), seen, at)
 
 
-def _around(state: _State, model: Model) -> np.ndarray:
+def _around(state: Solved, model: Model) -> np.ndarray:
     at = np.concatenate([state.coefficients, state.theta])
     at[model.basis.log_mu.shape[1] : len(state.coefficients)] = 0.0  # the residual still holds their part
     return at
 
 
-def _linearised(state: _State, model: Model, cause: Cause | None, place: Any) -> _Line:
+def _linearised(state: Solved, model: Model, cause: Cause | None, place: Any) -> _Line:
     """Fresh fingerprints."""
     K, scene = model.basis.log_mu.shape[1], state.scene
     own = [] if cause is None else directions_of(cause, scene, place, state.theta)
@@ -207,7 +177,7 @@ def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:
 
 
 def _result(
-    state: _State, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
+    state: Solved, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
     kept: Fingerprints, model: Model, gain: float,
 ) -> Refit:  # fmt: skip
     n, seen = len(state.coefficients), state.scene.target.seen

@@ -21,7 +21,7 @@ from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
 from veo_ti.diagnosis.verdict import EXPLAINED, MISFIT, SURVIVES, TESTABLE, TOGETHER, Candidate, Verdict, judge, nothing
 from veo_ti.diagnosis.visible import least_visible, noise_alike, visible
 
-SHORT = 0.02  # of what a cause gains, that its refit may still promise
+SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach

@@ -31,7 +31,12 @@ class Candidate:
     misfit: Misfit  # what is left under it
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
-    settled: bool  # the refit came to an end: a further step would not change what is compared
+    settled: bool  # the refit came to an end, or near enough to it to be compared
+
+    @property
+    def sure(self) -> float:
+        """Nats that were gained without what a further step only promises."""
+        return self.gained - (0.0 if self.refit.converged else self.refit.short)
 
     @property
     def name(self) -> str:
@@ -74,12 +79,12 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several."""
     if misfit.z < MISFIT:
         return nothing()
-    accepted = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.settled]
-    accepted.sort(key=lambda c: -c.gained)
+    able = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
+    accepted = sorted((c for c in able if c.settled), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
-    rivals = [c for c in accepted[1:] if best.gained - c.gained < _margin(best) and not _rejected(c, best)]
+    rivals = [c for c in able if c is not best and best.sure - c.gained < _margin(best) and not _rejected(c, best)]
     if rivals and best.explained < TOGETHER:
         return unexplained(accepted[:1])
     if rivals:

@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.history import damage, viscous_strain
+from sim.laws.history import at_once, damage, green_strain, viscous_strain
 from sim.laws.neo_hookean import NeoHookean
 from sim.laws.reference import EigenStrain, InitialStress
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
+
+_SHARP = 16  # power of the strain: how much the larger of two strains alone decides what stays
 
 
 class StiffnessDrift(Cause):
@@ -63,10 +65,11 @@ class Viscoelasticity(Cause):
         return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
-        """A branch whose viscous strain follows the simulated motion."""
-        E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2
-        A = viscous_strain(E, scene.time, place)
-        return extra(scene, EigenStrain, EigenStrain.pack(2 * theta[0] * scene.mu, A))
+        """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""
+        E, taken = green_strain(scene.F), at_once(scene.time, place)[:, None]
+        past = viscous_strain(E, scene.time, place) - taken[..., None, None] * E
+        c = 2 * theta[0] * scene.mu * (1 - taken)
+        return extra(scene, EigenStrain, EigenStrain.pack(c, past / (1 - taken)[..., None, None]))
 
     def describe(self, scene: Scene, place: float) -> str:
         """The time constant."""
@@ -74,7 +77,7 @@ class Viscoelasticity(Cause):
 
 
 class PermanentSet(Cause):
-    """S -= 2 mu s E*, with E* the strain at the largest load so far."""
+    """S -= 2 mu s E*, with E* the largest strain so far."""
 
     name = "permanent_set"
     sentence = "Part of the largest deformation so far stays when the load is gone."
@@ -83,13 +86,19 @@ class PermanentSet(Cause):
     follows = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """An unstressed strain that follows the largest strain each point has seen."""
-        E = (np.swapaxes(scene.F, 2, 3) @ scene.F - np.eye(3)) / 2
+        """An unstressed strain that follows the largest strain each point has seen, the one of the frame itself too.
+
+        Strains are weighted by a high power of their size, so that two of about the same size do not take turns.
+        """
+        E = green_strain(scene.F)
         size = np.linalg.norm(E, axis=(2, 3))
-        largest = np.maximum.accumulate(size, axis=0)
-        when = np.maximum.accumulate(np.where(size >= largest, np.arange(len(E))[:, None], 0), axis=0)
-        kept = np.take_along_axis(E, when[..., None, None], axis=0)
-        return initial_stress(scene, -2 * theta[0] * scene.mu[:, None, None] * kept)
+        weight = (size / np.maximum(size.max(axis=0), 1e-300)) ** _SHARP
+        scale = np.maximum.accumulate(size, axis=0) / np.maximum(np.cumsum(weight * size, axis=0), 1e-300)
+        own, sums = scale * weight, np.cumsum(weight[..., None, None] * E, axis=0)
+        past = scale[..., None, None] * sums - own[..., None, None] * E
+        now = extra(scene, EigenStrain, EigenStrain.pack(-2 * theta[0] * scene.mu * own, np.zeros_like(E)))
+        before = initial_stress(scene, -2 * theta[0] * scene.mu[:, None, None] * past)
+        return Change(terms=(*now.terms, *before.terms))
 
 
 def initial_stress(scene: Scene, S: np.ndarray) -> Change:

@@ -1,0 +1,59 @@
+"""The verdict: what refitted causes allow to be said, and when nothing may be named."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from veo_ti.diagnosis.score import Misfit
+from veo_ti.diagnosis.verdict import Candidate, judge, stands
+
+
+def test_no_misfit_needs_no_candidates():
+    assert judge(Misfit(energy=110.0, mean=100.0, sd=10.0), ()).kind == "no_misfit"
+    assert judge(Misfit(energy=300.0, mean=100.0, sd=10.0), ()).kind == "unexplained"
+
+
+def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: float):
+    """A refitted cause as the verdict sees it."""
+    cause, short = SimpleNamespace(name=name, sentence=f"It is {name}."), given.get("short", 0.0)
+    told = SimpleNamespace(cause=cause, short=short, converged=not short)
+    left = Misfit(energy=z, mean=0.0, sd=1.0)
+    return Candidate(
+        refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
+        settled=given.get("settled", True), plausible=given.get("plausible", True),
+    )  # fmt: skip
+
+
+WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
+
+
+@pytest.mark.parametrize(
+    ("candidates", "kind", "names"),
+    [
+        ([found("a", 100, 0.95), found("b", 60, 0.7)], "named", ["a"]),  # far ahead
+        ([found("a", 100, 0.95), found("b", 96, 0.94)], "ambiguous", ["a", "b"]),
+        ([found("a", 9000, 0.999, z=1), found("b", 8900, 0.99, z=7)], "named", ["a"]),  # a leaves noise: nats count
+        ([found("a", 9000, 0.95, z=30), found("b", 8900, 0.94, z=35)], "ambiguous", ["a", "b"]),  # neither is clean
+        ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
+        ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
+        ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
+        ([found("a", 100, 0.40)], "unexplained", []),
+        ([found("a", 5, 0.95)], "unexplained", []),  # too little evidence
+        ([found("a", 100, 0.95, predicted=2)], "unexplained", []),  # does not predict what it has not seen
+        ([found("a", 100, 0.95, plausible=False), found("b", 50, 0.9)], "named", ["b"]),
+        ([found("a", 100, 0.95, settled=False), found("b", 50, 0.9)], "ambiguous", ["b", "a"]),  # a's refit did not end
+        ([found("a", 40, 0.7, settled=False), found("b", 90, 0.95)], "named", ["b"]),  # and would not matter if it did
+        ([found("a", 100, 0.95, short=9), found("b", 60, 0.7)], "named", ["a"]),  # a needs not what it only promises
+        ([found("a", 100, 0.95, short=9), found("b", 80, 0.94)], "ambiguous", ["a", "b"]),  # it does
+        ([], "unexplained", []),
+    ],
+)
+def test_verdicts(candidates, kind, names):
+    verdict = judge(WRONG, candidates)
+    assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
+
+
+def test_one_name_stands_with_nine_tenths_and_two_need_more():
+    part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
+    assert stands([most]) and not stands([good])
+    assert stands([good, good]) and not stands([part, part])

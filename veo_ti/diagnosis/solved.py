@@ -1,0 +1,68 @@
+"""The equilibria of one set of unknowns, with whatever a cause makes follow from the motion itself."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sim.energy import Energy
+from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.model import Model, change_of
+from veo_ti.diagnosis.scene import Scene
+
+_ROUNDS = 8  # of motion and what follows from it, such as damage
+_STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
+_DEPTH = 4  # rounds that are mixed
+NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """coefficients (K + E,) and theta (d,), and the motion that they lead to."""
+
+    scene: Scene
+    without: Scene  # the same motion, before the cause joined the energy
+    coefficients: np.ndarray
+    theta: np.ndarray
+    equilibrium: Equilibrium
+
+
+def solved(
+    scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
+    coefficients: np.ndarray, theta: np.ndarray,
+) -> Solved:  # fmt: skip
+    """All frames in equilibrium, from the scene's motion on.
+
+    What follows from the motion (viscous strain, damage, set) is taken from the last motion, until the next one is the
+    same: a fixed point, by Anderson's mixing, since plain rounds close in as slowly as the history is strong.
+    """
+    energy = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]]))
+    still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
+    tried: list[np.ndarray] = []
+    reached: list[np.ndarray] = []
+    for _ in range(_ROUNDS if cause is not None and cause.follows else 1):
+        change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
+        extended = replace(energy, terms=(*base.terms, *change.terms))
+        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
+        found = scene.moved(extended, equilibrium.y)
+        tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
+        if np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
+            break
+        mixed = found.moved(extended, _mixed(tried, reached))
+        scene = mixed if np.linalg.det(mixed.F).min() > 0 else found
+    return Solved(
+        scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
+        equilibrium=equilibrium,
+    )  # fmt: skip
+
+
+def _mixed(tried: Sequence[np.ndarray], reached: Sequence[np.ndarray]) -> np.ndarray:
+    """Where to look next for y = g(y), from arguments and values so far (Anderson 1965; Walker & Ni 2011)."""
+    if len(tried) == 1:
+        return reached[-1]
+    left = [(g - y).ravel() for y, g in zip(tried, reached, strict=True)]
+    steps = np.stack([left[-1] - f for f in left[:-1]], axis=1)
+    gamma = np.linalg.lstsq(steps, left[-1], rcond=None)[0]
+    return reached[-1] - sum(c * (reached[-1] - g) for c, g in zip(gamma, reached[:-1], strict=True))
