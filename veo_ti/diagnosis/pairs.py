@@ -51,13 +51,15 @@ def two_at_once(
         found = look(start.refit, model, floor, modes, [c for c in causes if c.name != start.name], say)
         pairs += [_Pair(first=start, second=c, found=found, model=model) for c in found.candidates if _holds(start, c)]
     near = _near(pairs)
+    if not near or not near[0].second.settled:
+        return None
     if len(near) == 1:
         best = near[0]
         return (
             replace(alone, verdict=named(best.first), extended=best.first.refit),
             replace(best.found, verdict=named(best.second), extended=best.second.refit),
         )
-    shared = frozenset.intersection(*(p.names for p in near)) if near else ()
+    shared = frozenset.intersection(*(p.names for p in near))
     return _one_and_either(alone, near, *shared, say=say) if len(shared) == 1 else None
 
 
@@ -74,21 +76,25 @@ def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Prog
 
 
 def _holds(first: Candidate, second: Candidate) -> bool:
-    """Whether a pair may be named: each adds to the other, and what is wrong is explained."""
-    adds = min(second.gained, second.predicted) > BETTER and second.plausible and second.settled
+    """Whether a pair counts: each adds to the other, and what is wrong is explained."""
+    adds = min(second.gained, second.predicted) > BETTER and second.plausible
     return adds and stands((first, second))
 
 
 def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
-    """The best pair, then others that are nearly as good; all are compared at the noise that the best of them left."""
+    """The best pair, then others that are nearly as good; all are compared at the noise that the best of them left.
+
+    What a refit that did not end only promises counts for a rival, not for the best.
+    """
     if not pairs:
         return []
     s2 = min(p.found.s2 for p in pairs)
     worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}
-    best, *others = sorted(pairs, key=lambda p: -worth[id(p)])
+    sure = {id(p): worth[id(p)] - p.second.promised for p in pairs}
+    best, *others = sorted(pairs, key=lambda p: -sure[id(p)])
     margin = max(APART, APART_SHARE * (best.first.gained + best.second.gained))
     near = {best.names: best}
     for p in others:
-        if worth[id(best)] - worth[id(p)] < margin:
+        if sure[id(best)] - worth[id(p)] < margin:
             near.setdefault(p.names, p)
     return list(near.values())

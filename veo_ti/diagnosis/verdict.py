@@ -34,9 +34,14 @@ class Candidate:
     settled: bool  # the refit came to an end, or near enough to it to be compared
 
     @property
+    def promised(self) -> float:
+        """Nats that a further step only promises: what was gained counts them."""
+        return 0.0 if self.refit.converged else self.refit.short
+
+    @property
     def sure(self) -> float:
-        """Nats that were gained without what a further step only promises."""
-        return self.gained - (0.0 if self.refit.converged else self.refit.short)
+        """Nats that were gained without them."""
+        return self.gained - self.promised
 
     @property
     def name(self) -> str:
