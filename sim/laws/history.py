@@ -13,7 +13,7 @@ def green_strain(F: np.ndarray) -> np.ndarray:
 def viscous_strain(E: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
     """E_v (T, ...) of `tau E_v' = E - E_v` with E_v = 0 at the first frame, for strains E (T, ...) at times (T,) [s].
 
-    With x = step / tau and f = (1 - e^-x) / x: `E_v <- e^-x E_v + (f - e^-x) E_before + (1 - f) E_now`, exact for a
+    With x = step / tau and f of `at_once`: `E_v <- e^-x E_v + (1 - f - e^-x) E_before + f E_now`, exact for a
     strain that is linear between the frames, whatever the step. Raises ValueError when time does not increase or
     tau [s] is not positive.
     """
@@ -22,9 +22,9 @@ def viscous_strain(E: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
     require(bool((steps > 0).all()), "time", "increase from frame to frame", steps.min(initial=np.inf))
     require(tau > 0, "tau", "be positive", tau)
     out = np.zeros_like(E, dtype=float)
-    for t, x in enumerate(steps / tau, start=1):
-        decay, mean = np.exp(-x), -np.expm1(-x) / x
-        out[t] = decay * out[t - 1] + (mean - decay) * E[t - 1] + (1 - mean) * E[t]
+    decay, taken = np.exp(-steps / tau), at_once(time, tau)[1:]
+    for t, (d, f) in enumerate(zip(decay, taken, strict=True), start=1):
+        out[t] = d * out[t - 1] + (1 - f - d) * E[t - 1] + f * E[t]
     return out
 
 

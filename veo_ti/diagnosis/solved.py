@@ -42,13 +42,13 @@ def solved(
     still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
-    for _ in range(_ROUNDS if cause is not None and cause.follows else 1):
+    for more in reversed(range(_ROUNDS if cause is not None and cause.follows else 1)):
         change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
         extended = replace(energy, terms=(*base.terms, *change.terms))
         equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
-        if np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
+        if not more or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
             break
         mixed = found.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else found
