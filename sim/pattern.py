@@ -57,10 +57,6 @@ class Pattern:
         """Row index of each pair, (M,)."""
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
-    def gather(self, stencils: np.ndarray) -> np.ndarray:
-        """Sum scalar stencil matrices (N, k + 1, k + 1) into the pairs, (M,)."""
-        return np.add.reduceat(stencils[self.point, self.left, self.right], self.start[:-1])
-
     def assemble(self, H: np.ndarray, gradients: np.ndarray) -> np.ndarray:
         """Blocks (T, M, 3, 3) of `sum_i G_ia^T H_i G_ib` for tangents H (T, N, 3, 3, 3, 3), gradients (N, k + 1, 3)."""
         out = np.empty((len(H), len(self.indices), 3, 3))

@@ -1,14 +1,27 @@
 """How the equilibrium answers to changes: forward sensitivities, one factorisation per frame, many right sides."""
 
 from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import numpy as np
 
 from sim.energy import Energy
-from sim.linear import Layout, solve_directly
+from sim.linear import DirectFactors, Layout, solve_directly
+from sim.runtime import serial_blas
 
+_HELD = 8  # factors at once
 _AT_ONCE = 12_000  # points of all frames whose right sides are held together
 _ROUNDED = 1e-13  # of mu h^2: forces that come of rounding alone
+
+
+class Past(Protocol):
+    """What frames pass on: how changes of their motion push in those after them."""
+
+    def force(self, frame: int) -> np.ndarray | float:
+        """Of the frames before on this one, (K, N, 3) [N]."""
+
+    def keep(self, frame: int, change: np.ndarray) -> None:
+        """The frame moves by `change` (K, N, 3) [m]; asked of every frame in order."""
 
 
 def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
@@ -29,6 +42,22 @@ def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.n
             right[pushed] = solve_directly(tangent, layout, right[pushed])
         right[~pushed] = 0.0
         yield from right
+
+
+def responses_in_turn(
+    energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray], past: Past
+) -> Iterator[np.ndarray]:
+    """`responses` where each frame also answers to what those before it pass on."""
+    layout = Layout.of(energy.elastic)
+    for first in range(0, len(y), _HELD):
+        index = np.arange(first, min(first + _HELD, len(y)))
+        right, factors = forces(index), DirectFactors.of(energy.frames(index).tangent(y[index]), layout).factors
+        for t, own, factor in zip(index, right, factors, strict=True):
+            pushed = energy.free(own + past.force(t))
+            with serial_blas():
+                moved = factor.solve(np.asfortranarray(pushed.reshape(len(pushed), -1).T)).T.reshape(pushed.shape)
+            past.keep(t, moved)
+            yield moved
 
 
 def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

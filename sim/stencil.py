@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 import taichi as ti
 
 from sim.cloud import RestCloud
@@ -47,8 +48,25 @@ class Stencil:
         return np.concatenate([-self.cloud.gradients.sum(axis=1, keepdims=True), self.cloud.gradients], axis=1)
 
     def stabilisation(self, modulus: np.ndarray) -> np.ndarray:
-        """The matrix of `s_i/2 sum_j w_ij |y_ij - F_i x_ij|^2` for s = c modulus V / h^2, (M,) [N/m] on the pattern."""
-        return self.pattern.gather((self.stabilisation_per_modulus * modulus)[:, None, None] * self._residual)
+        """The matrix of `s_i/2 sum_j w_ij |y_ij - F_i x_ij|^2` for s = c modulus V / h^2 and modulus (..., N) [Pa].
+
+        Its entries on the pattern, (..., M) [N/m].
+        """
+        return np.ascontiguousarray((self._gathered @ (self.stabilisation_per_modulus * modulus).T).T)
+
+    def bent(self, u: np.ndarray) -> np.ndarray:
+        """What F does not see of a displacement u (T, N, 3), `sqrt(w_ij) (u_j - u_i - F_i x_ij)`, (T, N, k, 3) [m]."""
+        flat = self._bends @ u.transpose(1, 0, 2).reshape(u.shape[1], -1)
+        return flat.reshape(u.shape[1], -1, len(u), 3).transpose(2, 0, 1, 3)
+
+    def spring_back(self, bent: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """The stabilisation's gradient (T, N, 3) [N] of stencils bent (T, N, k, 3), each on its own; modulus (N,) [Pa].
+
+        Of a displacement it is the matrix of `stabilisation` times that displacement.
+        """
+        size = (self.stabilisation_per_modulus * modulus)[:, None, None, None]
+        each = (size * bent.transpose(1, 2, 0, 3)).reshape(self._bends.shape[0], -1)
+        return (self._bends.T @ each).reshape(-1, len(bent), 3).transpose(1, 0, 2)
 
     @property
     def stabilisation_per_modulus(self) -> np.ndarray:
@@ -57,9 +75,7 @@ class Stencil:
 
     def residual_product(self, u: np.ndarray, w: np.ndarray) -> np.ndarray:
         """`sum_tj w_ij r_ij(u) . r_ij(w)`, (N,): the part of two displacements (T, N, 3) that no F sees."""
-        points = np.concatenate([np.arange(self.cloud.count)[:, None], self.cloud.neighbours], axis=1)
-        pairs = zip(u, w, strict=True)
-        return sum(np.einsum("nsa,nst,nta->n", a[points], self._residual, b[points]) for a, b in pairs)
+        return np.einsum("tnka,tnka->n", self.bent(u), self.bent(w))
 
     def divergence(self, p: np.ndarray, Q: np.ndarray, stiffness: np.ndarray | None) -> np.ndarray:
         """`sum_i (dF_i/dy)^T : Q_i + K p`, (T, N, 3), gathered in a fixed order; K on the pattern, (1 or T, M)."""
@@ -75,14 +91,32 @@ class Stencil:
         return self.pattern.indptr, self.pattern.indices, stiffness
 
     @cached_property
+    def _gathered(self) -> sp.csr_matrix:
+        """From a stiffness of every stencil to entries on the pattern, (M, N)."""
+        pattern = self.pattern
+        data = self._residual[pattern.point, pattern.left, pattern.right]
+        return sp.csr_matrix((data, pattern.point, pattern.start), shape=(len(pattern.indices), self.cloud.count))
+
+    @cached_property
+    def _bends(self) -> sp.csr_matrix:
+        """From points to `bent`, (N k, N)."""
+        N, k, slots = self._rows.shape
+        points = np.concatenate([np.arange(N)[:, None], self.cloud.neighbours], axis=1)
+        columns = np.repeat(points[:, None], k, axis=1).ravel()
+        return sp.csr_matrix((self._rows.ravel(), columns, slots * np.arange(N * k + 1)), shape=(N * k, N))
+
+    @cached_property
     def _own(self) -> np.ndarray:
         return contiguous(self.gradients[:, 0])
 
     @cached_property
-    def _residual(self) -> np.ndarray:
-        """sum_j w_j r_j^T r_j, (N, k + 1, k + 1), with r_j the row giving y_ij - F_i x_ij from the stencil."""
+    def _rows(self) -> np.ndarray:
+        """What gives `bent` from the displacements of a stencil, (N, k, k + 1)."""
         cloud, k = self.cloud, self.cloud.neighbours.shape[1]
-        rows = np.concatenate([-np.ones((k, 1)), np.eye(k)], axis=1) - np.einsum(
-            "nkc,nsc->nks", cloud.arms, self.gradients
-        )
-        return np.einsum("nk,nks,nkt->nst", cloud.weights, rows, rows)
+        seen = np.einsum("nkc,nsc->nks", cloud.arms, self.gradients)
+        return np.sqrt(cloud.weights)[:, :, None] * (np.concatenate([-np.ones((k, 1)), np.eye(k)], axis=1) - seen)
+
+    @cached_property
+    def _residual(self) -> np.ndarray:
+        """Their squares, (N, k + 1, k + 1)."""
+        return self._rows.swapaxes(1, 2) @ self._rows

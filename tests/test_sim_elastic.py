@@ -78,6 +78,19 @@ def test_elastic_forces_and_torques_cancel(elastic):
     assert np.abs(np.cross(y, force).sum(axis=1)).max() < 1e-11 * size * np.abs(y).max()
 
 
+def test_stencils_bent_alike_spring_back_as_the_whole():
+    """Each stencil on its own, summed, is the sparse matrix of the energy times the displacement."""
+    elastic = sim_cases.elastic("jittered")
+    stencil, mu = elastic.stencil, elastic.m[:, 0]
+    y = sim_cases.bent(elastic.cloud)
+    u, none = y - elastic.cloud.x, np.zeros((*y.shape, 3))
+    whole = stencil.divergence(u, none, stencil.stabilisation(mu)[None])
+    got = stencil.spring_back(stencil.bent(u), mu)
+    assert np.abs(got - whole).max() < 1e-12 * np.abs(whole).max()
+    affine = stencil.bent(elastic.cloud.x[None] @ F0.T)
+    assert np.abs(affine).max() < 1e-12 * np.abs(elastic.cloud.x).max()
+
+
 def test_stabilisation_sees_no_affine_motion_and_every_other():
     elastic = sim_cases.elastic()
     without = RestCloud.build(elastic.cloud.x, options=CloudOptions(stabilisation=0.0))

@@ -1,8 +1,12 @@
 """What a material remembers of its motion: a Maxwell branch its strain, a damaged one the largest load so far."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sim.checks import as_array, require
+
+_SHARP = 16  # power of the strain: how much the larger of two strains alone decides what stays
 
 
 def green_strain(F: np.ndarray) -> np.ndarray:
@@ -10,28 +14,63 @@ def green_strain(F: np.ndarray) -> np.ndarray:
     return (np.swapaxes(F, -1, -2) @ F - np.eye(3)) / 2
 
 
-def viscous_strain(E: np.ndarray, time: np.ndarray, tau: float) -> np.ndarray:
-    """E_v (T, ...) of `tau E_v' = E - E_v` with E_v = 0 at the first frame, for strains E (T, ...) at times (T,) [s].
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    """What stays of strains E (T, ...): `own_t E_t + past_t` with `past_t = decay_t past_before + share_t E_before`.
 
-    With x = step / tau and f of `at_once`: `E_v <- e^-x E_v + (1 - f - e^-x) E_before + f E_now`, exact for a
+    Each (T, ...), of a shape that goes with E.
+    """
+
+    own: np.ndarray
+    decay: np.ndarray
+    share: np.ndarray
+
+    def past(self, E: np.ndarray) -> np.ndarray:
+        """What the frames before have left in each, (T, ...)."""
+        out = np.zeros_like(E, dtype=float)
+        for t in range(1, len(E)):
+            out[t] = self.then(t, out[t - 1], E[t - 1])
+        return out
+
+    def then(self, frame: int, past: np.ndarray, E: np.ndarray) -> np.ndarray:
+        """The past of a frame from that of the frame before, and its strain."""
+        return self.decay[frame] * past + self.share[frame] * E
+
+
+def viscous(time: np.ndarray, tau: float) -> Memory:
+    """The viscous strain `tau E_v' = E - E_v`, E_v = 0 at the first frame, at times (T,) [s].
+
+    With x = step / tau and f = 1 - (1 - e^-x) / x: `E_v <- e^-x E_v + (1 - f - e^-x) E_before + f E_now`, exact for a
     strain that is linear between the frames, whatever the step. Raises ValueError when time does not increase or
     tau [s] is not positive.
     """
-    time = as_array("time", time, (len(E),))
-    steps = np.diff(time)
+    steps = np.diff(as_array("time", time, (None,)))
     require(bool((steps > 0).all()), "time", "increase from frame to frame", steps.min(initial=np.inf))
     require(tau > 0, "tau", "be positive", tau)
-    out = np.zeros_like(E, dtype=float)
-    decay, taken = np.exp(-steps / tau), at_once(time, tau)[1:]
-    for t, (d, f) in enumerate(zip(decay, taken, strict=True), start=1):
-        out[t] = d * out[t - 1] + (1 - f - d) * E[t - 1] + f * E[t]
-    return out
+    x = np.concatenate([[np.inf], steps / tau])
+    decay = np.exp(-x)
+    own = np.where(np.isinf(x), 0.0, 1 + np.expm1(-x) / x)
+    before = np.concatenate([[0.0], own[:-1]])
+    return Memory(own=own, decay=decay, share=decay * before + 1 - own - decay)
 
 
-def at_once(time: np.ndarray, tau: float) -> np.ndarray:
-    """The share (T,) that a frame's own strain has in its viscous strain, `1 - (1 - e^-x) / x` with x = step / tau."""
-    x = np.diff(as_array("time", time, (None,))) / tau
-    return np.concatenate([[0.0], 1 + np.expm1(-x) / x])
+def largest(E: np.ndarray) -> Memory:
+    """The largest strain so far, of E (T, N, 3, 3).
+
+    Strains are weighted by a high power of their size, so that two of about the same size do not take turns.
+    """
+    size = np.linalg.norm(E, axis=(2, 3), keepdims=True)
+    most = np.maximum(np.maximum.accumulate(size, axis=0), 1e-300)
+    fade = np.concatenate([np.zeros_like(most[:1]), most[:-1] / most[1:]]) ** _SHARP  # of all weights so far
+    total = np.zeros_like(size)  # of sizes by their weights
+    for t, now in enumerate((size / most) ** _SHARP * size):
+        total[t] = now + (fade[t] * total[t - 1] if t else 0.0)
+    scale = most / np.maximum(total, most)
+    before = np.concatenate([np.ones_like(scale[:1]), scale[:-1]])
+    earlier = np.concatenate([np.zeros_like(size[:1]), size[:-1]])
+    return Memory(
+        own=scale * (size / most) ** _SHARP, decay=scale / before * fade, share=scale * (earlier / most) ** _SHARP
+    )
 
 
 def damage(F: np.ndarray, scale: float) -> np.ndarray:

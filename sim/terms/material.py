@@ -8,10 +8,8 @@ import numpy as np
 
 from sim import runtime
 from sim.checks import as_array, require
-from sim.cloud import RestCloud
 from sim.dtypes import contiguous
 from sim.material import Material, MaterialTangent
-from sim.pattern import Pattern
 from sim.stencil import Stencil
 from sim.terms.base import mixed, per_frame
 
@@ -25,8 +23,7 @@ class ExtraLaw:
     the whole elastic energy.
     """
 
-    cloud: RestCloud
-    pattern: Pattern
+    stencil: Stencil
     law: Any
     m: np.ndarray  # (N, P), or (1 or T, N, P) frame by frame
     weight: np.ndarray | None = None  # (1 or T, N); None for one
@@ -34,7 +31,7 @@ class ExtraLaw:
 
     def __post_init__(self) -> None:
         runtime.ensure()
-        N, P = self.cloud.count, len(self.law.parameters)
+        N, P = self.stencil.cloud.count, len(self.law.parameters)
         m = np.asarray(self.m, float)
         m = as_array("m", m[None] if m.ndim == 2 else m, (None, N, P))
         weight = np.ones((1, N)) if self.weight is None else as_array("weight", self.weight, (None, N))
@@ -61,7 +58,7 @@ class ExtraLaw:
         material = self._material_for(y)
         F = material.forces(y)[1]
         frames = np.flatnonzero(project) if project is not None else np.zeros(0, int)
-        H = np.zeros((0, self.cloud.count, 3, 3, 3, 3))
+        H = np.zeros((0, self.stencil.cloud.count, 3, 3, 3, 3))
         if len(frames):
             H = _clamped(material.frames(frames).tangents(F[frames]))
         return MaterialTangent(material=material, F=F, frames=frames.astype(np.int32), projected=H)
@@ -74,21 +71,13 @@ class ExtraLaw:
 
     def between(self, frame: int, share: float) -> "ExtraLaw":
         """The law with parameters and weights the `share` of the way from `frame` to the next."""
-        other = replace(self, m=mixed(self.m, frame, share), weight=mixed(self.weight, frame, share))
-        other.__dict__["_stencil"] = self._stencil  # it belongs to the cloud
-        return other
-
-    @cached_property
-    def _stencil(self) -> Stencil:
-        return Stencil(cloud=self.cloud, pattern=self.pattern)
+        return replace(self, m=mixed(self.m, frame, share), weight=mixed(self.weight, frame, share))
 
     @cached_property
     def _material(self) -> Material:
-        stiffness = None
-        if self.stabilised:
-            stiffness = np.stack([self._stencil.stabilisation(mu) for mu in self.weight * self.m[:, :, 0]])
-        volume = self.weight * self.cloud.volume
-        return Material(stencil=self._stencil, law=self.law, m=self.m, volume=volume, stiffness=stiffness)
+        stiffness = self.stencil.stabilisation(self.weight * self.m[:, :, 0]) if self.stabilised else None
+        volume = self.weight * self.stencil.cloud.volume
+        return Material(stencil=self.stencil, law=self.law, m=self.m, volume=volume, stiffness=stiffness)
 
     def _material_for(self, y: np.ndarray) -> Material:
         rows = max(len(self.m), len(self.weight))

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from sim.basis import Basis
 from sim.evidence import Normal
 from sim.lame import Lame
-from sim.sensitivity import parameter_forces, responses
+from sim.recollection import Passing, Recollection
+from sim.sensitivity import parameter_forces, responses, responses_in_turn
 from veo_ti.diagnosis.causes.base import Carried, Change
 from veo_ti.diagnosis.columns import Direction, Known
 from veo_ti.diagnosis.scene import Scene
@@ -67,6 +69,7 @@ def moments(
     *,
     companion: Callable[[Scene], Change] | None = None,
     carried: Carried | None = None,
+    remembered: Sequence[tuple[Recollection, np.ndarray]] = (),
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
     keep: bool = False,
@@ -74,9 +77,9 @@ def moments(
     """Solve for all fingerprints, frame by frame, and accumulate.
 
     a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
-    material; carried: what tracking shows of a change of motion and material beyond that motion; residual (T, N, 3):
-    default the scene's; modes (N, S): smooth in space, paired with cosines in time over the training frames; keep: the
-    columns too, but for those of the modes.
+    material; carried: what tracking shows of a change of motion and material beyond that motion; remembered: what
+    frames pass on to later ones; residual (T, N, 3): default the scene's; modes (N, S): smooth in space, paired with
+    cosines in time over the training frames; keep: the columns too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
     residual = scene.residual if residual is None else residual
@@ -85,8 +88,7 @@ def moments(
     kept: list[np.ndarray] = []
     m = scene.energy.elastic.m
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
-    forces = _all_forces(scene, ways, companion, pushing, frames)
-    solved = responses(scene.energy.frames(frames), scene.y[frames], forces)
+    solved = _solved(scene, partial(_all_forces, scene, ways, companion, pushing), frames, remembered)
 
     def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for n, S in enumerate(solved if carried is None else _carried(solved, ways, carried, frames)):
@@ -102,6 +104,21 @@ def moments(
     normal = _summed(columns())
     prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
     return Moments(normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints)
+
+
+def _solved(
+    scene: Scene, forces: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]], frames: np.ndarray,
+    remembered: Sequence[tuple[Recollection, np.ndarray]],
+) -> Iterator[np.ndarray]:  # fmt: skip
+    """The motions (K + directions, N, 3) of the chosen frames; what is remembered passes through all before them."""
+    if not remembered:
+        yield from responses(scene.energy.frames(frames), scene.y[frames], forces(frames))
+        return
+    every = np.arange(frames[-1] + 1)
+    energy, past = scene.energy.frames(every), Passing(remembered)
+    for t, S in enumerate(responses_in_turn(energy, scene.y[every], forces(every), past)):
+        if t in frames:
+            yield S
 
 
 def moments_of(

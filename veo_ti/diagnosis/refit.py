@@ -165,8 +165,11 @@ def _linearised(state: Solved, model: Model, cause: Cause | None, place: Any) ->
     if cause is not None and cause.companion(scene, state.theta, place) is not None:
         companion = partial(cause.companion, theta=state.theta, place=place)
     carried = None if cause is None else cause.carried(scene, state.theta, place)
-    a = state.coefficients[:K]
-    found = moments(scene, model.basis, a, model.extra, own, companion=companion, carried=carried, keep=True)
+    remembered = () if cause is None else cause.remembered(scene, state.theta, place)
+    found = moments(
+        scene, model.basis, state.coefficients[:K], model.extra, own, companion=companion, carried=carried,
+        remembered=remembered, keep=True,
+    )  # fmt: skip
     return _Line(A=found.normal.A, kept=found.kept)
 
 

@@ -1,5 +1,6 @@
 """The baseline that causes are held against: a measurement, the fitted material, and the motion it simulates."""
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,6 +9,8 @@ import numpy as np
 from sim.cloud import RestCloud
 from sim.energy import Energy
 from sim.fit import Target
+from sim.laws.history import Memory
+from sim.recollection import Recollection
 from sim.sensitivity import responses
 from sim.terms.jet import Jet
 from sim.vibration import Vibrations
@@ -34,8 +37,19 @@ class Scene:
     def of_material(self, m: np.ndarray) -> "Scene":
         """The same motion in an object whose parameters are m (N, P)."""
         other = replace(self, energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
-        other.__dict__["F"] = self.F  # it belongs to the motion
+        other.__dict__.update(F=self.F, _recollections=self._recollections)  # they belong to the motion
         return other
+
+    def recollection(self, name: Hashable, memory: Callable[[], Memory]) -> Recollection:
+        """What a material with this memory keeps of the motion; worked out once under a name."""
+        known, stencil = self._recollections, self.energy.elastic.stencil
+        if name not in known:
+            known[name] = Recollection(stencil=stencil, memory=memory(), y=self.y, F=self.F)
+        return known[name]
+
+    @cached_property
+    def _recollections(self) -> dict[Hashable, Recollection]:
+        return {}
 
     @property
     def cloud(self) -> RestCloud:

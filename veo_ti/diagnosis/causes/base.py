@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.recollection import Recollection
 from sim.terms.base import Term
 from veo_ti.diagnosis.scene import Scene
 
@@ -65,6 +66,10 @@ class Cause:
         not at all, or too little to matter.
         """
         return None
+
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[tuple[Recollection, np.ndarray], ...]:
+        """What it lets frames pass on to later ones, each with its modulus (N,) [Pa]."""
+        return ()
 
     def untestable(self, scene: Scene) -> str | None:
         """Why this measurement cannot speak about the cause, in a sentence, or None."""

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.recollection import Recollection
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change
 from veo_ti.diagnosis.scene import Scene
 
@@ -45,6 +46,10 @@ class Beside(Cause):
         each = [cause.carried(scene, theta[own], at) for cause, own, at in self._placed(place)]
         some = [c for c in each if c is not None]
         return (lambda *moved: sum(c(*moved) for c in some)) if some else None
+
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[tuple[Recollection, np.ndarray], ...]:
+        """By both."""
+        return tuple(r for cause, own, at in self._placed(place) for r in cause.remembered(scene, theta[own], at))
 
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
         """One of both moved, unless one only follows the motion."""

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.history import at_once, damage, green_strain, viscous_strain
+from sim.laws.history import damage, green_strain, largest, viscous
 from sim.laws.neo_hookean import NeoHookean
-from sim.laws.reference import EigenStrain, InitialStress
+from sim.laws.reference import LinearStress
+from sim.recollection import Recollection
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
-
-_SHARP = 16  # power of the strain: how much the larger of two strains alone decides what stays
 
 
 class StiffnessDrift(Cause):
@@ -66,10 +65,14 @@ class Viscoelasticity(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""
-        E, taken = green_strain(scene.F), at_once(scene.time, place)[:, None]
-        past = viscous_strain(E, scene.time, place) - taken[..., None, None] * E
-        c = 2 * theta[0] * scene.mu * (1 - taken)
-        return extra(scene, EigenStrain, EigenStrain.pack(c, past / (1 - taken)[..., None, None]))
+        return Change(terms=self._strain(scene, place).terms(theta[0] * scene.mu, elastic=1.0))
+
+    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[tuple[Recollection, np.ndarray], ...]:
+        """The viscous strain."""
+        return ((self._strain(scene, place), theta[0] * scene.mu),)
+
+    def _strain(self, scene: Scene, place: float) -> Recollection:
+        return scene.recollection((self.name, place), lambda: viscous(scene.time, place))
 
     def describe(self, scene: Scene, place: float) -> str:
         """The time constant."""
@@ -86,21 +89,17 @@ class PermanentSet(Cause):
     follows = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """An unstressed strain that follows the largest strain each point has seen, the one of the frame itself too.
+        """An unstressed strain that follows the largest strain each point has seen, the one of the frame itself too."""
+        return Change(terms=self._strain(scene).terms(theta[0] * scene.mu))
 
-        Strains are weighted by a high power of their size, so that two of about the same size do not take turns.
-        """
-        E = green_strain(scene.F)
-        size = np.linalg.norm(E, axis=(2, 3))
-        weight = (size / np.maximum(size.max(axis=0), 1e-300)) ** _SHARP
-        scale = np.maximum.accumulate(size, axis=0) / np.maximum(np.cumsum(weight * size, axis=0), 1e-300)
-        own, sums = scale * weight, np.cumsum(weight[..., None, None] * E, axis=0)
-        past = scale[..., None, None] * sums - own[..., None, None] * E
-        now = extra(scene, EigenStrain, EigenStrain.pack(-2 * theta[0] * scene.mu * own, np.zeros_like(E)))
-        before = initial_stress(scene, -2 * theta[0] * scene.mu[:, None, None] * past)
-        return Change(terms=(*now.terms, *before.terms))
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[tuple[Recollection, np.ndarray], ...]:
+        """The largest strain."""
+        return ((self._strain(scene), theta[0] * scene.mu),)
+
+    def _strain(self, scene: Scene) -> Recollection:
+        return scene.recollection(self.name, lambda: largest(green_strain(scene.F)))
 
 
 def initial_stress(scene: Scene, S: np.ndarray) -> Change:
     """A stress (T, N, 3, 3) or (N, 3, 3) [Pa] that nothing relieves."""
-    return extra(scene, InitialStress, InitialStress.pack(S))
+    return extra(scene, LinearStress, LinearStress.pack(0.0, S))

@@ -17,8 +17,8 @@ def extra(
     scene: Scene, law: Any, m: np.ndarray, weight: np.ndarray | None = None, *, stabilised: bool = False
 ) -> Change:
     """One more law beside the base material."""
-    pattern = scene.energy.elastic.pattern
-    term = ExtraLaw(cloud=scene.cloud, pattern=pattern, law=law, m=m, weight=weight, stabilised=stabilised)
+    stencil = scene.energy.elastic.stencil
+    term = ExtraLaw(stencil=stencil, law=law, m=m, weight=weight, stabilised=stabilised)
     return Change(terms=(term,))
 
 
