@@ -1,13 +1,13 @@
 """A motion remembered: the stress of the strains that stay behind, and how a change of one frame reaches later ones."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sim.dtypes import contiguous
-from sim.laws.history import Memory, green_strain
+from sim.elastic import Elastic
+from sim.laws.history import Memory, damage, green_strain
 from sim.laws.reference import LinearStress
 from sim.stencil import Stencil
 from sim.terms.base import Term
@@ -47,26 +47,94 @@ class Recollection:
 
 
 class Passing:
-    """The past of changes (K, N, 3) of a motion, for `sim.sensitivity.responses_in_turn`: `-2 mu E*` of each part."""
+    """How changes (K, N, 3) of the motion of one frame act on those after it through `-2 mu E*`, mu (N,) [Pa]."""
 
-    def __init__(self, parts: Sequence[tuple[Recollection, np.ndarray]]) -> None:
-        self._parts, self._motion = parts, parts[0][0]
-        count, size = self._motion.y.shape[1], self._motion.stencil.cloud.neighbours.shape[1]
-        self._last = np.zeros((1, count, 3, 3)), np.zeros((1, count, size, 3))
-        self._past = [self._last for _ in parts]
+    def __init__(self, what: Recollection, mu: np.ndarray) -> None:
+        self._what, self._mu = what, mu
+        count, size = what.stencil.cloud.neighbours.shape
+        self._past = self._last = np.zeros((1, count, 3, 3)), np.zeros((1, count, size, 3))
 
     def force(self, frame: int) -> np.ndarray:
         """`div 2 mu F past`, and what the stabilisation makes of it, (K, N, 3) [N]."""
-        stencil, F, total = self._motion.stencil, self._motion.F[frame], 0.0
-        for n, (what, mu) in enumerate(self._parts):
-            pairs = zip(self._past[n], self._last, strict=True)
-            self._past[n] = strain, bent = tuple(what.memory.then(frame, past, last) for past, last in pairs)
-            P = contiguous(F @ ((2 * stencil.cloud.volume * mu)[:, None, None] * strain))
-            total = total + stencil.divergence(np.zeros(P.shape[:3]), P, None) + stencil.spring_back(bent, mu)
-        return total
+        stencil, then = self._what.stencil, self._what.memory.then
+        self._past = strain, bent = tuple(then(frame, *both) for both in zip(self._past, self._last, strict=True))
+        P = contiguous(self._what.F[frame] @ ((2 * stencil.cloud.volume * self._mu)[:, None, None] * strain))
+        return stencil.divergence(np.zeros(P.shape[:3]), P, None) + stencil.spring_back(bent, self._mu)
+
+    def acts(self, frame: int) -> bool:
+        """No: it is in the frame's Hessian."""
+        return False
 
     def keep(self, frame: int, change: np.ndarray) -> None:
         """Its strain `dE = sym F^T dF`, and how it bends every stencil."""
-        cloud = self._motion.stencil.cloud
-        D = self._motion.F[frame].swapaxes(1, 2) @ (cloud.deformation_gradient(cloud.x + change) - np.eye(3))
-        self._last = (D + D.swapaxes(2, 3)) / 2, self._motion.stencil.bent(change)
+        D = self._what.F[frame].swapaxes(1, 2) @ _gradient(self._what.stencil, change)
+        self._last = (D + D.swapaxes(2, 3)) / 2, self._what.stencil.bent(change)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Damaged:
+    """An elastic body that lost `share D` of its energy, D of the largest load so far (see `sim.laws.history`)."""
+
+    elastic: Elastic
+    y: np.ndarray  # (T, N, 3) [m]
+    F: np.ndarray
+    share: float
+    scale: float
+
+    def terms(self) -> tuple[Term, ...]:
+        """What it lost."""
+        return (self.lost(-self.share * self.D),)
+
+    def lost(self, weight: np.ndarray) -> ExtraLaw:
+        """The energy in proportion to weights (T, N)."""
+        given = self.elastic
+        return ExtraLaw(stencil=given.stencil, law=given.law, m=given.m, weight=weight, stabilised=True)
+
+    @cached_property
+    def D(self) -> np.ndarray:
+        """The damage done, (T, N), from 0 to 1."""
+        return damage(self.F, self.scale)
+
+    @cached_property
+    def fresh(self) -> np.ndarray:
+        """Where a frame does the damage itself, (T, N)."""
+        return np.diff(self.D, axis=0, prepend=0.0) > 0
+
+
+class PassingDamage:
+    """How changes (K, N, 3) of the motion of one frame act on those after it, and on itself, by the damage they do."""
+
+    def __init__(self, what: Damaged) -> None:
+        self._what, self._largest = what, np.zeros((1, what.y.shape[1]))
+
+    def force(self, frame: int) -> np.ndarray:
+        """Where earlier frames did the damage, (K, N, 3) [N]."""
+        return self._pushed(frame, np.where(self._what.fresh[frame], 0.0, self._largest))
+
+    def acts(self, frame: int) -> bool:
+        """Where the frame does damage."""
+        return bool(self._what.fresh[frame].any())
+
+    def own(self, frame: int, change: np.ndarray) -> np.ndarray:
+        """By the damage it does, (K, N, 3) [N]."""
+        return self._pushed(frame, np.where(self._what.fresh[frame], self._load(frame, change), 0.0))
+
+    def keep(self, frame: int, change: np.ndarray) -> None:
+        """The change of the largest load so far."""
+        self._largest = np.where(self._what.fresh[frame], self._load(frame, change), self._largest)
+
+    def _load(self, frame: int, change: np.ndarray) -> np.ndarray:
+        """`dI = 2 (F - F^-T) : dF`, (K, N)."""
+        F = self._what.F[frame]
+        slope = 2 * (F - np.linalg.inv(F).swapaxes(1, 2))
+        return np.einsum("nab,knab->kn", slope, _gradient(self._what.elastic.stencil, change))
+
+    def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
+        what = self._what
+        weight = -what.share * (1 - what.D[frame]) / what.scale * load
+        return -what.lost(weight).gradient(np.repeat(what.y[frame : frame + 1], len(weight), axis=0))
+
+
+def _gradient(stencil: Stencil, change: np.ndarray) -> np.ndarray:
+    """dF (K, N, 3, 3)."""
+    return stencil.cloud.deformation_gradient(stencil.cloud.x + change) - np.eye(3)

@@ -1,27 +1,38 @@
 """How the equilibrium answers to changes: forward sensitivities, one factorisation per frame, many right sides."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
 from sim.energy import Energy
+from sim.fixed_point import MixingOptions, fixed_point
 from sim.linear import DirectFactors, Layout, solve_directly
+from sim.multifrontal import Cholesky
 from sim.runtime import serial_blas
 
 _HELD = 8  # factors at once
+_OWN = 8  # rounds at most in which a frame answers to its own change, until it is as
+_CLOSE = 1e-3  # close, of the largest change of any
 _AT_ONCE = 12_000  # points of all frames whose right sides are held together
 _ROUNDED = 1e-13  # of mu h^2: forces that come of rounding alone
 
 
 class Past(Protocol):
-    """What frames pass on: how changes of their motion push in those after them."""
+    """What frames pass on: how changes of their motion push in those after them. Asked of every frame in order."""
 
-    def force(self, frame: int) -> np.ndarray | float:
+    def force(self, frame: int) -> np.ndarray:
         """Of the frames before on this one, (K, N, 3) [N]."""
 
+    def acts(self, frame: int) -> bool:
+        """Whether the frame's own change acts on itself beyond its Hessian."""
+
+    def own(self, frame: int, change: np.ndarray) -> np.ndarray:
+        """So much, of a change (K, N, 3) [m], (K, N, 3) [N]; asked where it acts."""
+
     def keep(self, frame: int, change: np.ndarray) -> None:
-        """The frame moves by `change` (K, N, 3) [m]; asked of every frame in order."""
+        """The frame moves by `change` (K, N, 3) [m]."""
 
 
 def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
@@ -45,7 +56,7 @@ def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.n
 
 
 def responses_in_turn(
-    energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray], past: Past
+    energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray], pasts: Sequence[Past]
 ) -> Iterator[np.ndarray]:
     """`responses` where each frame also answers to what those before it pass on."""
     layout = Layout.of(energy.elastic)
@@ -53,11 +64,24 @@ def responses_in_turn(
         index = np.arange(first, min(first + _HELD, len(y)))
         right, factors = forces(index), DirectFactors.of(energy.frames(index).tangent(y[index]), layout).factors
         for t, own, factor in zip(index, right, factors, strict=True):
-            pushed = energy.free(own + past.force(t))
-            with serial_blas():
-                moved = factor.solve(np.asfortranarray(pushed.reshape(len(pushed), -1).T)).T.reshape(pushed.shape)
-            past.keep(t, moved)
+            pushed = energy.free(own + sum(past.force(t) for past in pasts))
+            moved = _solved(factor, pushed)
+            acting = [past for past in pasts if past.acts(t)]
+            if acting:
+
+                def again(x: np.ndarray, t=t, pushed=pushed, factor=factor, acting=acting) -> np.ndarray:
+                    return _solved(factor, energy.free(pushed + sum(past.own(t, x) for past in acting)))
+
+                close = MixingOptions(tolerance=_CLOSE * float(np.abs(moved).max()) + 1e-300, iterations=_OWN, memory=3)
+                moved = fixed_point(again, moved, close).x
+            for past in pasts:
+                past.keep(t, moved)
             yield moved
+
+
+def _solved(factor: Cholesky | SuperLU, right: np.ndarray) -> np.ndarray:
+    with serial_blas():
+        return factor.solve(np.asfortranarray(right.reshape(len(right), -1).T)).T.reshape(right.shape)
 
 
 def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

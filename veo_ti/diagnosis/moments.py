@@ -9,8 +9,7 @@ import numpy as np
 from sim.basis import Basis
 from sim.evidence import Normal
 from sim.lame import Lame
-from sim.recollection import Passing, Recollection
-from sim.sensitivity import parameter_forces, responses, responses_in_turn
+from sim.sensitivity import Past, parameter_forces, responses, responses_in_turn
 from veo_ti.diagnosis.causes.base import Carried, Change
 from veo_ti.diagnosis.columns import Direction, Known
 from veo_ti.diagnosis.scene import Scene
@@ -69,7 +68,7 @@ def moments(
     *,
     companion: Callable[[Scene], Change] | None = None,
     carried: Carried | None = None,
-    remembered: Sequence[tuple[Recollection, np.ndarray]] = (),
+    remembered: Sequence[Past] = (),
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
     keep: bool = False,
@@ -108,15 +107,15 @@ def moments(
 
 def _solved(
     scene: Scene, forces: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]], frames: np.ndarray,
-    remembered: Sequence[tuple[Recollection, np.ndarray]],
+    remembered: Sequence[Past],
 ) -> Iterator[np.ndarray]:  # fmt: skip
     """The motions (K + directions, N, 3) of the chosen frames; what is remembered passes through all before them."""
     if not remembered:
         yield from responses(scene.energy.frames(frames), scene.y[frames], forces(frames))
         return
     every = np.arange(frames[-1] + 1)
-    energy, past = scene.energy.frames(every), Passing(remembered)
-    for t, S in enumerate(responses_in_turn(energy, scene.y[every], forces(every), past)):
+    energy = scene.energy.frames(every)
+    for t, S in enumerate(responses_in_turn(energy, scene.y[every], forces(every), remembered)):
         if t in frames:
             yield S
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.energy import Energy
 from sim.evidence import Normal, Posterior, jackknife, posterior
-from sim.newton import LinearSolver, Status
+from sim.newton import LinearSolver
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
@@ -41,11 +41,11 @@ def refit(
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
     shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until it
-    costs less than none. History (viscous strain, damage) belongs to the motion that it leads to, but for the slope of
-    the cost, which takes it as given. The discretisation enters linearly. A step that raises the cost is shortened.
+    costs less than none. History (viscous strain, damage, set) belongs to the motion that it leads to, in the slopes
+    too. The discretisation enters linearly. A step that raises the cost is shortened.
     The fingerprints serve several steps; they are renewed where a step with old ones brings less than it promised.
     """
-    theta = np.zeros(0) if cause is None else np.asarray(theta, float)
+    theta = np.zeros(0) if cause is None else cause.bounded(np.asarray(theta, float))
     base = scene.energy
     widths = np.zeros(0) if cause is None else cause.widths(scene)
     prior = np.concatenate([model.prior, widths**2])
@@ -81,8 +81,7 @@ def _residual(scene: Scene, cause: Cause | None, place: Any, theta: np.ndarray) 
 
 def _cost(state: Solved, model: Model, cause: Cause | None, place: Any, prior: np.ndarray) -> float:
     """Minus the log posterior; infinite where an equilibrium that counts was not found."""
-    found = np.array([status is Status.CONVERGED for status in state.equilibrium.status])
-    if not found[state.scene.train].all():
+    if not state.found:
         return np.inf
     return _cost_of(state.scene, state.theta, state.coefficients, model, cause, place, prior)
 
@@ -125,9 +124,11 @@ def _lower(
     Shortened to the lowest point of the parabola through the cost, its slope and the cost of the step that failed.
     """
     K, n = model.basis.log_mu.shape[1], len(state.coefficients)
-    size = min(1.0, _CAUTION / max(float(np.abs(model.basis.log_mu @ change[:K]).max()), 1e-12))
+    most = float(np.abs(model.basis.log_mu @ change[:K]).max())
+    size = min(1.0, _CAUTION / max(most, 1e-12))
     for _ in range(4):
         coefficients, theta = state.coefficients + size * change[:n], state.theta + size * change[n:]
+        theta = theta if cause is None else cause.bounded(theta)
         trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta)
         lower = _cost(trial, model, cause, place, prior)
         if lower < cost:

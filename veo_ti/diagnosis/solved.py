@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from sim.energy import Energy
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model, change_of
 from veo_ti.diagnosis.scene import Scene
 
-_ROUNDS = 8  # of motion and what follows from it, such as damage
+_ROUNDS = 12  # of motion and what follows from it, such as damage
 _STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
 _DEPTH = 4  # rounds that are mixed
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
@@ -28,6 +28,11 @@ class Solved:
     theta: np.ndarray
     equilibrium: Equilibrium
 
+    @property
+    def found(self) -> bool:
+        """Whether every frame that trains is in equilibrium."""
+        return _found(self.scene, self.equilibrium)
+
 
 def solved(
     scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
@@ -36,7 +41,8 @@ def solved(
     """All frames in equilibrium, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) is taken from the last motion, until the next one is the
-    same: a fixed point, by Anderson's mixing, since plain rounds close in as slowly as the history is strong.
+    same: a fixed point, by Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more
+    rounds where a frame that counts has no equilibrium.
     """
     energy = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]]))
     still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
@@ -48,7 +54,7 @@ def solved(
         equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
-        if not more or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
+        if not more or not _found(scene, equilibrium) or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
             break
         mixed = found.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else found
@@ -56,6 +62,11 @@ def solved(
         scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
         equilibrium=equilibrium,
     )  # fmt: skip
+
+
+def _found(scene: Scene, equilibrium: Equilibrium) -> bool:
+    status = zip(equilibrium.status, scene.train, strict=True)
+    return all(s is Status.CONVERGED for s, counts in status if counts)
 
 
 def _mixed(tried: Sequence[np.ndarray], reached: Sequence[np.ndarray]) -> np.ndarray:

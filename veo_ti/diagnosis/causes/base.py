@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.recollection import Recollection
+from sim.sensitivity import Past
 from sim.terms.base import Term
 from veo_ti.diagnosis.scene import Scene
 
+_NEAR = 0.95  # of the most that a parameter can be
 _FEW = 5  # frames below which nothing can be seen to happen over time
 
 
@@ -21,6 +22,7 @@ class Parameter:
     unit: str
     sd: float
     positive: bool = False
+    most: float = np.inf  # beyond which nothing would be left to deform
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,8 +69,8 @@ class Cause:
         """
         return None
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[tuple[Recollection, np.ndarray], ...]:
-        """What it lets frames pass on to later ones, each with its modulus (N,) [Pa]."""
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Past, ...]:
+        """What it lets frames pass on to later ones."""
         return ()
 
     def untestable(self, scene: Scene) -> str | None:
@@ -97,6 +99,10 @@ class Cause:
         """Whether physics allows these parameters."""
         positive = np.array([p.positive for p in self.parameters])
         return bool((theta[positive] > 0).all())
+
+    def bounded(self, theta: np.ndarray) -> np.ndarray:
+        """The parameters (d,), none nearer to the most that it can be than a fit may come."""
+        return np.minimum(theta, _NEAR * np.array([p.most for p in self.parameters]))
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Prior standard deviations (d,) of the parameters for this object."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.recollection import Recollection
+from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change
 from veo_ti.diagnosis.scene import Scene
 
@@ -47,7 +47,7 @@ class Beside(Cause):
         some = [c for c in each if c is not None]
         return (lambda *moved: sum(c(*moved) for c in some)) if some else None
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[tuple[Recollection, np.ndarray], ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Past, ...]:
         """By both."""
         return tuple(r for cause, own, at in self._placed(place) for r in cause.remembered(scene, theta[own], at))
 

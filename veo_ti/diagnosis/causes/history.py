@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.history import damage, green_strain, largest, viscous
+from sim.laws.history import green_strain, largest, viscous
 from sim.laws.neo_hookean import NeoHookean
 from sim.laws.reference import LinearStress
-from sim.recollection import Recollection
+from sim.recollection import Damaged, Passing, PassingDamage, Recollection
+from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
@@ -34,15 +35,30 @@ class Softening(Cause):
 
     name = "softening"
     sentence = "The material grew softer where it was strained before, and stays so."
-    parameters = (Parameter(name="damage", unit="-", sd=0.25, positive=True),)
+    parameters = (Parameter(name="damage", unit="-", sd=0.25, positive=True, most=1.0),)
     material = True
     follows = True
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """The damage that the baseline's motion has done so far; I0 is its 90th percentile over the object."""
+    def places(self, scene: Scene) -> Sequence[float]:
+        """I0, the 90th percentile over the object of the largest I before any refit; data mostly trade it for d."""
         worst = strain_energy(scene).max(axis=0)
-        done = damage(scene.F, max(float(np.quantile(worst, 0.9)), 1e-9))
-        return extra(scene, NeoHookean, scene.energy.elastic.m, -theta[0] * done, stabilised=True)
+        return (max(float(np.quantile(worst, 0.9)), 1e-9),)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
+        """The damage that the simulated motion has done so far."""
+        return Change(terms=self._damaged(scene, theta, place).terms())
+
+    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[Past, ...]:
+        """The largest load."""
+        return (PassingDamage(self._damaged(scene, theta, place)),)
+
+    @staticmethod
+    def _damaged(scene: Scene, theta: np.ndarray, place: float) -> Damaged:
+        return Damaged(elastic=scene.energy.elastic, y=scene.y, F=scene.F, share=theta[0], scale=place)
+
+    def describe(self, scene: Scene, place: float) -> str:
+        """How much it takes."""
+        return f"two thirds of it done at a shear energy of {place / 2:.2g} mu"
 
 
 class Viscoelasticity(Cause):
@@ -67,9 +83,9 @@ class Viscoelasticity(Cause):
         """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""
         return Change(terms=self._strain(scene, place).terms(theta[0] * scene.mu, elastic=1.0))
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[tuple[Recollection, np.ndarray], ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[Past, ...]:
         """The viscous strain."""
-        return ((self._strain(scene, place), theta[0] * scene.mu),)
+        return (Passing(self._strain(scene, place), theta[0] * scene.mu),)
 
     def _strain(self, scene: Scene, place: float) -> Recollection:
         return scene.recollection((self.name, place), lambda: viscous(scene.time, place))
@@ -84,7 +100,7 @@ class PermanentSet(Cause):
 
     name = "permanent_set"
     sentence = "Part of the largest deformation so far stays when the load is gone."
-    parameters = (Parameter(name="share", unit="-", sd=0.1, positive=True),)
+    parameters = (Parameter(name="share", unit="-", sd=0.1, positive=True, most=1.0),)
     material = True
     follows = True
 
@@ -92,9 +108,9 @@ class PermanentSet(Cause):
         """An unstressed strain that follows the largest strain each point has seen, the one of the frame itself too."""
         return Change(terms=self._strain(scene).terms(theta[0] * scene.mu))
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[tuple[Recollection, np.ndarray], ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Past, ...]:
         """The largest strain."""
-        return ((self._strain(scene), theta[0] * scene.mu),)
+        return (Passing(self._strain(scene), theta[0] * scene.mu),)
 
     def _strain(self, scene: Scene) -> Recollection:
         return scene.recollection(self.name, lambda: largest(green_strain(scene.F)))
