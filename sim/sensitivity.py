@@ -1,6 +1,7 @@
 """How the equilibrium answers to changes: forward sensitivities, one factorisation per frame, many right sides."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -65,18 +66,25 @@ def responses_in_turn(
         right, factors = forces(index), DirectFactors.of(energy.frames(index).tangent(y[index]), layout).factors
         for t, own, factor in zip(index, right, factors, strict=True):
             pushed = energy.free(own + sum(past.force(t) for past in pasts))
-            moved = _solved(factor, pushed)
-            acting = [past for past in pasts if past.acts(t)]
-            if acting:
-
-                def again(x: np.ndarray, t=t, pushed=pushed, factor=factor, acting=acting) -> np.ndarray:
-                    return _solved(factor, energy.free(pushed + sum(past.own(t, x) for past in acting)))
-
-                close = MixingOptions(tolerance=_CLOSE * float(np.abs(moved).max()) + 1e-300, iterations=_OWN, memory=3)
-                moved = fixed_point(again, moved, close).x
+            moved = _moved(energy, factor, pushed, [partial(past.own, t) for past in pasts if past.acts(t)])
             for past in pasts:
                 past.keep(t, moved)
             yield moved
+
+
+def _moved(
+    energy: Energy, factor: Cholesky | SuperLU, pushed: np.ndarray, acting: Sequence[Callable[[np.ndarray], np.ndarray]]
+) -> np.ndarray:
+    """H^-1 of what pushes (K, N, 3) [N] and of the forces that the answer itself leads to."""
+    moved = _solved(factor, pushed)
+    if not acting:
+        return moved
+
+    def again(x: np.ndarray) -> np.ndarray:
+        return _solved(factor, energy.free(pushed + sum(force(x) for force in acting)))
+
+    close = MixingOptions(tolerance=_CLOSE * float(np.abs(moved).max()) + 1e-300, iterations=_OWN, memory=3)
+    return fixed_point(again, moved, close).x
 
 
 def _solved(factor: Cholesky | SuperLU, right: np.ndarray) -> np.ndarray:
