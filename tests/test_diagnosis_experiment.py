@@ -59,7 +59,8 @@ def assumed(baseline: Refit, model: Model, cause, theta, place=None) -> Refit:
 
 def test_a_delay_is_told_by_loading_faster(baseline, model):
     """A slow push hides it; the scale of the cameras is large and seen under any load."""
-    delay, scale = assumed(baseline, model, ForceTiming(), [2e-3]), assumed(baseline, model, CameraScale(), [0.05])
+    delay = assumed(baseline, model, ForceTiming(), [2e-3])
+    scale = assumed(baseline, model, CameraScale(), [0.05, 0, 0, 0])
     found = separating(baseline, delay, scale, model, model.s2)
     assert "five times as fast" in found.description
     assert found.then > 5 * found.now > 0
@@ -76,5 +77,5 @@ def test_a_cause_cannot_be_told_from_itself(baseline, model):
 def test_nothing_is_proposed_where_no_force_is_named(baseline, model, scene):
     bare = replace(scene.observation, forces=0 * scene.observation.forces)
     idle = replace(baseline, scene=replace(scene, observation=bare))
-    scale = assumed(baseline, model, CameraScale(), [0.05])
+    scale = assumed(baseline, model, CameraScale(), [0.05, 0, 0, 0])
     assert separating(idle, scale, scale, model, model.s2) is None

@@ -172,7 +172,7 @@ def test_sizes_are_read_in_everyday_units():
     )  # fmt: skip
     by_name = {cause.name: cause for cause in CATALOGUE}
     assert size(by_name["force_offset"], np.array([3e-3, 0, 4e-3]), np.ones(3)) == "shift 5 mm"
-    assert size(by_name["camera_scale"], np.array([0.02]), np.array([0.001])) == "scale 0.02 ± 0.00196"
+    assert size(by_name["stiffness_drift"], np.array([0.02]), np.array([0.001])) == "drift 0.02 ± 0.00196 1/session"
 
 
 def test_page_stands_alone_and_begins_with_the_sentence(pulled, folder):

@@ -9,16 +9,23 @@ from veo_ti.diagnosis.scene import Scene
 
 
 class CameraScale(Cause):
-    """y_seen = c + (1 + s)(y - c) after the reference frame."""
+    """y_seen = c + (1 + s)(y - c) after the reference frame, about any point c: `y + s (y - middle) + d`."""
 
     name = "camera_scale"
     sentence = "The cameras' scale changed after the reference frame."
-    parameters = (Parameter(name="scale", unit="-", sd=0.01),)
+    parameters = (
+        Parameter(name="scale", unit="-", sd=0.01),
+        *(Parameter(name=f"shift_{a}", unit="m", sd=1e-3) for a in "xyz"),
+    )
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A hundredth; of a scale about a point as far from the middle as the object is long."""
+        return 0.01 * np.array([1.0, *[float(np.ptp(scene.cloud.x, axis=0).max())] * 3])
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """Everything grows about the middle of the rest shape."""
+        """Everything grows about the middle of the rest shape, and shifts: nobody knows about which point it grew."""
         middle = scene.cloud.x.mean(axis=0)
-        return Change(observe=lambda y, frames: y + theta[0] * scene.moving[frames] * (y - middle))
+        return Change(observe=lambda y, frames: y + scene.moving[frames] * (theta[0] * (y - middle) + theta[1:]))
 
 
 class CorrespondenceSlip(Cause):
