@@ -39,8 +39,7 @@ def extra(law, frames: int = 2, seed: int = 0, elastic: Elastic | None = None, *
     random, N = np.random.default_rng(seed), elastic.cloud.count
     m = np.array(LARGEST[law]) * random.uniform(0.5, 1, (frames, N, len(law.parameters)))
     weight = random.uniform(0.5, 1.5, (frames, N))
-    given = {"stencil": elastic.stencil, "law": law, "m": m, "weight": weight}
-    return ExtraLaw(**(given | fields))
+    return ExtraLaw(**({"stencil": elastic.stencil, "law": law, "m": m, "weight": weight} | fields))
 
 
 @pytest.fixture(params=TERMS)
@@ -234,8 +233,7 @@ def test_drift_is_a_load_that_shrinks():
 def test_free_bar_takes_the_strain_that_its_material_would_rather_have():
     A = np.diag([0.2, -0.1, 0.05])
     y = solved(bar(uniform(LinearStress, *LinearStress.pack(5e3, -1e4 * A))))[1]  # no load; the base resists by 1e-4
-    far = body().cloud.x[:, 0] > 0.5
-    F = body().cloud.deformation_gradient(y[None])[0, far]
+    F = body().cloud.deformation_gradient(y[None])[0, far := body().cloud.x[:, 0] > 0.5]
     assert green_strain(F) == pytest.approx(np.tile(A, (far.sum(), 1, 1)), abs=0.03)
 
 

@@ -26,7 +26,8 @@ class Memory:
     share: np.ndarray
 
     def past(self, E: np.ndarray) -> np.ndarray:
-        """What the frames before have left in each, (T, ...)."""
+        """What the frames before have left in each, (T, ...); ValueError when E has another number of frames."""
+        require(len(E) == len(self.own), "E", f"have {len(self.own)} frames, one for each time", len(E))
         out = np.zeros_like(E, dtype=float)
         for t in range(1, len(E)):
             out[t] = self.then(t, out[t - 1], E[t - 1])
@@ -49,9 +50,9 @@ def viscous(time: np.ndarray, tau: float) -> Memory:
     require(tau > 0, "tau", "be positive", tau)
     x = np.concatenate([[np.inf], steps / tau])
     decay = np.exp(-x)
-    own = np.where(np.isinf(x), 0.0, 1 + np.expm1(-x) / x)
-    before = np.concatenate([[0.0], own[:-1]])
-    return Memory(own=own, decay=decay, share=decay * before + 1 - own - decay)
+    mean = np.where(np.isinf(x), 1.0, -np.expm1(-x) / x)
+    own = 1 - mean
+    return Memory(own=own, decay=decay, share=decay * np.concatenate([[0.0], own[:-1]]) + (mean - decay))
 
 
 def largest(E: np.ndarray) -> Memory:

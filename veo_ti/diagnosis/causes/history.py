@@ -7,7 +7,6 @@ import numpy as np
 
 from sim.laws.history import green_strain, largest, viscous
 from sim.laws.neo_hookean import NeoHookean
-from sim.laws.reference import LinearStress
 from sim.recollection import Damaged, Passing, PassingDamage, Recollection
 from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
@@ -114,8 +113,3 @@ class PermanentSet(Cause):
 
     def _strain(self, scene: Scene) -> Recollection:
         return scene.recollection(self.name, lambda: largest(green_strain(scene.F)))
-
-
-def initial_stress(scene: Scene, S: np.ndarray) -> Change:
-    """A stress (T, N, 3, 3) or (N, 3, 3) [Pa] that nothing relieves."""
-    return extra(scene, LinearStress, LinearStress.pack(0.0, S))

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from sim.laws.reference import LinearStress
 from sim.terms.contact import Contact
 from sim.terms.shapes import Plane
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.history import initial_stress
 from veo_ti.diagnosis.causes.loads import added, at_spot
+from veo_ti.diagnosis.causes.material import extra
 from veo_ti.diagnosis.scene import Scene
 
 _GAPS = (0.3, 0.6)  # of the farthest that the spot goes
@@ -124,7 +125,7 @@ class Prestress(Cause):
         strain = (F + F.swapaxes(1, 2)) / 2 - np.eye(3)
         mu, lam = (scene.energy.elastic.m[:, i, None, None] for i in (0, 1))
         stress = 2 * mu * strain + lam * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        held = initial_stress(scene, theta[0] * stress)
+        held = extra(scene, LinearStress, LinearStress.pack(0.0, theta[0] * stress))
         # What this stress does to the discrete rest shape is taken as the weight, so that the reference is in balance.
         weight = np.broadcast_to(held.terms[0].gradient(scene.cloud.x[None]), scene.y.shape)
         return Change(terms=(*held.terms, *added(weight).terms))
