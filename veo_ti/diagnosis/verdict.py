@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.model import OURS, Refit
 from veo_ti.diagnosis.score import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
@@ -12,7 +12,7 @@ BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind; but
 CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted:
-SURE = 12.0  # nats then, or as many as what it leaves is worth
+SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simulation's own error can turn about
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
@@ -66,9 +66,13 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
 
 
 def _margin(best: Candidate) -> float:
-    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained."""
+    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained.
+
+    An effect of s standard deviations gains s^2/2 nats, and causes that show it d apart differ by d^2/2 of them. Our
+    error of OURS s turns the order about where d < 2 OURS s.
+    """
     if best.misfit.z < CLEAN:
-        return max(SURE, best.gained * (1 - best.explained) / best.explained)
+        return max(SURE, best.gained * (1 - best.explained) / best.explained, (2 * OURS) ** 2 * best.gained)
     return max(APART, APART_SHARE * best.gained)
 
 
