@@ -53,6 +53,11 @@ class Elastic:
         """dE/dy, (T, N, 3) [N]: minus the elastic force. Linear in the parameters m for the Neo-Hookean law."""
         return self.material.forces(y)[0]
 
+    def each(self, y: np.ndarray) -> np.ndarray:
+        """The gradient's terms, of every stencil on its own points, (T, N, k + 1, 3) [N]."""
+        held = self.stencil.bent_forces(self.stencil.bent(y - self.cloud.x), self.m[:, 0])
+        return self.material.stress_forces(y) + held
+
     def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> "ElasticTangent":
         """The Hessian at y, exact or, in the frames where `project` (T,) is set, with negative eigenvalues removed."""
         F = self.material.forces(y)[1]

@@ -72,6 +72,10 @@ class Energy:
         total = np.zeros_like(y) + sum(term.gradient(y) for term in self.terms)
         return np.sqrt((self.free(total) ** 2).sum(axis=(1, 2)))
 
+    def scale(self, y: np.ndarray) -> np.ndarray:
+        """What residuals are relative to, (T,) [N]: the load, or a little of the stiffness where there is none."""
+        return np.maximum(self.load(y), 1e-5 * self.elastic.m[:, 0].mean() * self.elastic.cloud.spacing**2)
+
     def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> "Tangent":
         """The Hessian at y; see `Elastic.tangent` for `project`."""
         parts = tuple(part for part in (term.tangent(y, project) for term in self.terms) if part is not None)

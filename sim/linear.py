@@ -16,6 +16,7 @@ from sim.multifrontal import Cholesky, Dissection
 from sim.pattern import Pattern
 from sim.runtime import serial_blas
 
+ROOM = 200_000  # points of all frames together, up to which the factors are held: about 10 kB a point
 _THREADS = 2
 
 

@@ -111,10 +111,19 @@ class Material:
 
     def forces(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """dE/dy (T, N, 3) [N] and F (T, N, 3, 3)."""
-        u, cloud = self._displacement(y), self.stencil.cloud
+        u = self._displacement(y)
+        F, Q = self._stressed(u)
+        return self.stencil.divergence(u, Q, self.stiffness), F
+
+    def stress_forces(self, y: np.ndarray) -> np.ndarray:
+        """What the law in each stencil does to its points, (T, N, k + 1, 3) [N], without K."""
+        return self.stencil.stress_forces(self._stressed(self._displacement(y))[1])
+
+    def _stressed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        cloud = self.stencil.cloud
         F, Q = np.empty((*u.shape, 3)), np.empty((*u.shape, 3))
         _stress(self.law, u, cloud.neighbours, cloud.gradients, self.volume, self._rows, F, Q)
-        return self.stencil.divergence(u, Q, self.stiffness), F
+        return F, Q
 
     def product(self, F: np.ndarray, p: np.ndarray, frames: np.ndarray, projected: np.ndarray) -> np.ndarray:
         """H p (T, N, 3) at F (T, N, 3, 3), with the tangents `projected` in `frames`."""

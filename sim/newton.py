@@ -9,12 +9,11 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy, Tangent
-from sim.linear import DirectFactors, Layout, Preconditioner, conjugate_gradients
+from sim.linear import ROOM, DirectFactors, Layout, Preconditioner, conjugate_gradients
 from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
-_ROOM = 200_000  # points of all frames together, up to which the factors are held: 10 kB a point at most
 
 
 class Status(Enum):
@@ -101,7 +100,7 @@ class LinearSolver:
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
         """ "auto" factorises small clouds and takes the two-level preconditioner for the others."""
         cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
-        direct = {"direct": np.inf, "auto": _ROOM if cloud.count <= _SMALL else 0, "two-level": 0}[linear]
+        direct = {"direct": np.inf, "auto": ROOM if cloud.count <= _SMALL else 0, "two-level": 0}[linear]
         aggregates = Aggregates.of(cloud, pattern, energy.fixed)
         return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
 
@@ -173,10 +172,7 @@ class _State:
     @classmethod
     def at(cls, energy: Energy, y: np.ndarray) -> "_State":
         value, smallest = energy.value(y)
-        elastic = energy.elastic
-        floor = 1e-5 * elastic.m[:, 0].mean() * elastic.cloud.spacing**2
-        scale = np.maximum(energy.load(y), floor)
-        return cls(y, value, smallest, energy.gradient(y), scale)
+        return cls(y, value, smallest, energy.gradient(y), energy.scale(y))
 
     @property
     def residual(self) -> np.ndarray:

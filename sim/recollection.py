@@ -5,14 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.dtypes import contiguous
 from sim.elastic import Elastic
 from sim.laws.history import Memory, damage, green_strain
 from sim.laws.reference import LinearStress
 from sim.stencil import Stencil
 from sim.terms.base import Term
-from sim.terms.loads import AppliedForce
-from sim.terms.material import ExtraLaw
+from sim.terms.material import ExtraLaw, Held
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,8 +28,8 @@ class Recollection:
     def terms(self, mu: np.ndarray, elastic: float = 0.0) -> tuple[Term, ...]:
         """`S = 2 mu (elastic E - E*)` of the strain E and the one remembered, E*; mu (N,) [Pa]; stabilised as mu is."""
         m = LinearStress.pack(mu * (elastic - self._own), -2 * mu[:, None, None] * self._strain)
-        held = self.stencil.spring_back(self._bent, mu)
-        return ExtraLaw(stencil=self.stencil, law=LinearStress, m=m, stabilised=True), AppliedForce(force=held)
+        held = Held.of(self.stencil, self.stencil.bent_forces(self._bent, mu))
+        return ExtraLaw(stencil=self.stencil, law=LinearStress, m=m, stabilised=True), held
 
     @cached_property
     def _own(self) -> np.ndarray:
@@ -58,8 +56,7 @@ class Passing:
         """`div 2 mu F past`, and what the stabilisation makes of it, (K, N, 3) [N]."""
         stencil, then = self._what.stencil, self._what.memory.then
         self._past = strain, bent = tuple(then(frame, *both) for both in zip(self._past, self._last, strict=True))
-        P = contiguous(self._what.F[frame] @ ((2 * stencil.cloud.volume * self._mu)[:, None, None] * strain))
-        return stencil.divergence(np.zeros(P.shape[:3]), P, None) + stencil.spring_back(bent, self._mu)
+        return stencil.pull(strain, self._what.F[frame], 2 * self._mu) + stencil.spring_back(bent, self._mu)
 
     def acts(self, frame: int) -> bool:
         """No: it is in the frame's Hessian."""
@@ -67,8 +64,8 @@ class Passing:
 
     def keep(self, frame: int, change: np.ndarray) -> None:
         """Its strain `dE = sym F^T dF`, and how it bends every stencil."""
-        D = self._what.F[frame].swapaxes(1, 2) @ _gradient(self._what.stencil, change)
-        self._last = (D + D.swapaxes(2, 3)) / 2, self._what.stencil.bent(change)
+        stencil = self._what.stencil
+        self._last = stencil.strained(change, self._what.F[frame]), stencil.bent(change)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -63,13 +63,20 @@ def responses_in_turn(
     layout = Layout.of(energy.elastic)
     for first in range(0, len(y), _HELD):
         index = np.arange(first, min(first + _HELD, len(y)))
-        right, factors = forces(index), DirectFactors.of(energy.frames(index).tangent(y[index]), layout).factors
-        for t, own, factor in zip(index, right, factors, strict=True):
-            pushed = energy.free(own + sum(past.force(t) for past in pasts))
-            moved = _moved(energy, factor, pushed, [partial(past.own, t) for past in pasts if past.acts(t)])
-            for past in pasts:
-                past.keep(t, moved)
-            yield moved
+        right, held = forces(index), DirectFactors.of(energy.frames(index).tangent(y[index]), layout)
+        yield from answers_in_turn(energy, held, right, pasts, first=first)
+
+
+def answers_in_turn(
+    energy: Energy, factors: DirectFactors, right: np.ndarray, pasts: Sequence[Past], *, first: int = 0
+) -> Iterator[np.ndarray]:
+    """The same with factors at hand, of frames from `first` on, for the forces right (n, K, N, 3) [N]."""
+    for t, (own, factor) in enumerate(zip(right, factors.factors, strict=True), start=first):
+        pushed = energy.free(own + sum(past.force(t) for past in pasts))
+        moved = _moved(energy, factor, pushed, [partial(past.own, t) for past in pasts if past.acts(t)])
+        for past in pasts:
+            past.keep(t, moved)
+        yield moved
 
 
 def _moved(
@@ -92,13 +99,26 @@ def _solved(factor: Cholesky | SuperLU, right: np.ndarray) -> np.ndarray:
         return factor.solve(np.asfortranarray(right.reshape(len(right), -1).T)).T.reshape(right.shape)
 
 
-def parameter_forces(energy: Energy, y: np.ndarray, directions: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def parameter_forces(
+    energy: Energy, y: np.ndarray, directions: np.ndarray, also: Sequence[Sequence[Any]] = ()
+) -> Callable[[np.ndarray], np.ndarray]:
     """The forces that parameter changes dm/da = directions (K, N, P) act like at y: `-d(dE/dy)/dm : directions`.
 
-    They are the elastic gradient with the parameters replaced by their change, because the law is linear in them.
+    The law is linear in its parameters, so they are what each stencil pulls with for a unit of a parameter, times the
+    change there. also[p]: terms that are in proportion to the parameter p of each point, for a unit of it.
     """
-    changes = [energy.elastic.with_parameters(d) for d in directions]
-    return lambda index: np.stack([-change.gradient(y[index]) for change in changes], axis=1)
+    stencil, units = energy.elastic.stencil, np.eye(directions.shape[2])
+    alone = [energy.elastic.with_parameters(np.tile(unit, (energy.elastic.cloud.count, 1))) for unit in units]
+
+    def forces(index: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(index), *directions.shape[:2], 3))
+        for p, own in enumerate(alone):
+            more = (term.frames(index).each(y[index]) for term in (also[p] if also else ()))
+            for n, each in enumerate(sum(more, own.each(y[index]))):
+                out[n] -= stencil.gathered(each, directions[:, :, p])
+        return out
+
+    return forces
 
 
 def sensitivities(

@@ -8,7 +8,18 @@ import scipy.sparse as sp
 import taichi as ti
 
 from sim.cloud import RestCloud
-from sim.dtypes import Indices1, Matrices2, Scalars2, Vectors1, Vectors2, contiguous, mat3
+from sim.dtypes import (
+    Indices1,
+    Indices2,
+    Matrices1,
+    Matrices2,
+    Scalars1,
+    Scalars2,
+    Vectors1,
+    Vectors2,
+    contiguous,
+    mat3,
+)
 from sim.pattern import Pattern
 
 
@@ -19,6 +30,19 @@ def spread(p: ti.template(), t, i, neighbours: ti.template(), gradients: ti.temp
     for k in range(neighbours.shape[1]):
         D += (p[t, neighbours[i, k]] - p[t, i]).outer_product(gradients[i, k])
     return D
+
+
+@ti.kernel
+def _strained(p: Vectors2, F: Matrices1, neighbours: Indices2, gradients: Vectors2, out: Matrices2):
+    for k, i in ti.ndrange(p.shape[0], p.shape[1]):
+        D = F[i].transpose() @ spread(p, k, i, neighbours, gradients)
+        out[k, i] = (D + D.transpose()) / 2
+
+
+@ti.kernel
+def _stressed(F: Matrices1, size: Scalars1, S: Matrices2, out: Matrices2):
+    for k, i in ti.ndrange(S.shape[0], S.shape[1]):
+        out[k, i] = size[i] * (F[i] @ S[k, i])
 
 
 @ti.kernel
@@ -54,6 +78,18 @@ class Stencil:
         """
         return np.ascontiguousarray((self._gathered @ (self.stabilisation_per_modulus * modulus).T).T)
 
+    def strained(self, p: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """How the Green strain answers to changes p (K, N, 3) [m] of a pose, `sym F^T dp/dx`, at its F (N, 3, 3)."""
+        out = np.empty((*p.shape, 3))
+        _strained(contiguous(p), contiguous(F), self.cloud.neighbours, self.cloud.gradients, out)
+        return out
+
+    def pull(self, S: np.ndarray, F: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """The gradient (K, N, 3) [N] of second Piola-Kirchhoff stresses size S; S (K, N, 3, 3), size (N,) [Pa]."""
+        Q = np.empty_like(S)
+        _stressed(contiguous(F), self.cloud.volume * size, contiguous(S), Q)
+        return self.divergence(np.zeros(Q.shape[:3]), Q, None)
+
     def bent(self, u: np.ndarray) -> np.ndarray:
         """What F does not see of a displacement u (T, N, 3), `sqrt(w_ij) (u_j - u_i - F_i x_ij)`, (T, N, k, 3) [m]."""
         flat = self._bends @ u.transpose(1, 0, 2).reshape(u.shape[1], -1)
@@ -67,6 +103,23 @@ class Stencil:
         size = (self.stabilisation_per_modulus * modulus)[:, None, None, None]
         each = (size * bent.transpose(1, 2, 0, 3)).reshape(self._bends.shape[0], -1)
         return (self._bends.T @ each).reshape(-1, len(bent), 3).transpose(1, 0, 2)
+
+    def bent_forces(self, bent: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+        """The terms of `spring_back`, of each stencil on its points, (T, N, k + 1, 3) [N]; modulus (..., N) [Pa]."""
+        size = self.stabilisation_per_modulus * modulus
+        return size[..., None, None] * (self._rows.swapaxes(1, 2) @ bent)
+
+    def stress_forces(self, Q: np.ndarray) -> np.ndarray:
+        """The terms of `sum_i (dF_i/dy)^T : Q_i` for Q (T, N, 3, 3) [J], likewise."""
+        return self.gradients @ Q.swapaxes(2, 3)
+
+    def gathered(self, each: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """`sum_i w_ki f_ij` at every point j: forces (N, k + 1, 3) [N] of stencils, weighted by (K, N); (K, N, 3)."""
+        order, point, start = self._ends
+        N = len(weights.T)
+        flat = each.reshape(-1, 3)[order]
+        parts = [sp.csr_matrix((flat[:, c], point, start), shape=(N, N)) @ weights.T for c in range(3)]
+        return np.stack(parts, axis=2).transpose(1, 0, 2)
 
     @property
     def stabilisation_per_modulus(self) -> np.ndarray:
@@ -104,6 +157,14 @@ class Stencil:
         points = np.concatenate([np.arange(N)[:, None], self.cloud.neighbours], axis=1)
         columns = np.repeat(points[:, None], k, axis=1).ravel()
         return sp.csr_matrix((self._rows.ravel(), columns, slots * np.arange(N * k + 1)), shape=(N * k, N))
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The stencils' slots in the order of the points that they hold, whose each is, and where a point's begin."""
+        N, slots = self.cloud.count, self.cloud.neighbours.shape[1] + 1
+        held = np.concatenate([np.arange(N)[:, None], self.cloud.neighbours], axis=1).ravel()
+        order = np.argsort(held, kind="stable")
+        return order, order // slots, np.concatenate([[0], np.cumsum(np.bincount(held, minlength=N))])
 
     @cached_property
     def _own(self) -> np.ndarray:

@@ -8,7 +8,9 @@ import sim_cases
 from sim.cloud import CloudOptions, RestCloud
 from sim.elastic import Elastic, ElasticTangent
 from sim.lame import Lame
+from sim.laws.history import green_strain
 from sim.linear import Layout
+from sim.terms.material import ExtraLaw, Held
 
 F0 = np.array([[1.25, 0.3, -0.1], [-0.2, 0.9, 0.2], [0.1, -0.15, 1.1]])
 MODES = ("consistent", "paper")
@@ -213,3 +215,30 @@ def test_two_runs_agree_to_the_bit(elastic):
     assert (again.gradient(y) == elastic.gradient(y)).all()
     assert (again.tangent(y).product(way) == elastic.tangent(y).product(way)).all()
     assert (again.parameter_gradient(y, way) == elastic.parameter_gradient(y, way)).all()
+
+
+@pytest.mark.parametrize("what", ["elastic", "a law", "a stabilised law", "what stencils hold"])
+def test_what_each_stencil_does_adds_up_to_the_gradient(what):
+    elastic, random = sim_cases.elastic(), np.random.default_rng(0)
+    stencil, y, N = elastic.stencil, sim_cases.bent(elastic.cloud), elastic.cloud.count
+    terms = {"elastic": elastic, "what stencils hold": Held.of(stencil, random.normal(size=elastic.each(y).shape))}
+    for name, stabilised in (("a law", False), ("a stabilised law", True)):
+        own = {"weight": random.uniform(0.5, 1.5, (2, N)), "stabilised": stabilised}
+        terms[name] = ExtraLaw(stencil=stencil, law=elastic.law, m=elastic.m, **own)
+    whole = np.concatenate([stencil.gathered(each, np.ones((1, N))) for each in terms[what].each(y)])
+    assert sim_cases.relative(whole, terms[what].gradient(y)) < 1e-12
+
+
+def test_changes_of_the_strain_and_the_pull_of_a_stress_are_each_others_transpose():
+    """`sum size V S : sym F^T dp/dx = p . f`, and the first is the slope of the Green strain."""
+    elastic, random = sim_cases.elastic(), np.random.default_rng(0)
+    stencil, y, h = elastic.stencil, sim_cases.bent(elastic.cloud, 1), 1e-6
+    F = elastic.cloud.deformation_gradient(y)[0]
+    p, size = random.normal(size=(3, *y[0].shape)), random.uniform(1, 2, elastic.cloud.count)
+    S = random.normal(size=(3, *F.shape))
+    S = S + S.swapaxes(2, 3)
+    dE = stencil.strained(p, F)
+    work = np.einsum("n,knab,knab->k", size * elastic.cloud.volume, S, dE)
+    np.testing.assert_allclose((p * stencil.pull(S, F, size)).sum(axis=(1, 2)), work, rtol=1e-10)
+    ahead, behind = (green_strain(elastic.cloud.deformation_gradient(y + s * h * p)) for s in (1, -1))
+    assert sim_cases.relative(dE, (ahead - behind) / (2 * h)) < 1e-6

@@ -12,6 +12,7 @@ from sim.dtypes import contiguous
 from sim.material import Material, MaterialTangent
 from sim.stencil import Stencil
 from sim.terms.base import mixed, per_frame
+from sim.terms.loads import AppliedForce
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +51,14 @@ class ExtraLaw:
         """`sum_i w_i V_i (dF_i/dy)^T : P_i`, (T, N, 3) [N]."""
         return self._material_for(y).forces(y)[0]
 
+    def each(self, y: np.ndarray) -> np.ndarray:
+        """The gradient's terms, of every stencil on its own points, (T, N, k + 1, 3) [N]."""
+        forces = self._material_for(y).stress_forces(y)
+        if not self.stabilised:
+            return forces
+        bent = self.stencil.bent(y - self.stencil.cloud.x)
+        return forces + self.stencil.bent_forces(bent, self.weight * self.m[:, :, 0])
+
     def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> MaterialTangent:
         """The Hessian, exact or, in the frames where `project` (T,) is set, with each point's tangent clamped.
 
@@ -83,6 +92,27 @@ class ExtraLaw:
         rows = max(len(self.m), len(self.weight))
         require(rows in (1, len(y)), "y", f"have as many frames as m and weight have rows, {rows}", len(y))
         return self._material
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Held(AppliedForce):
+    """Given forces of stencils on their own points, (1 or T, N, k + 1, 3) [N]: minus terms of a gradient."""
+
+    stencils: np.ndarray
+
+    @classmethod
+    def of(cls, stencil: Stencil, stencils: np.ndarray) -> "Held":
+        """What they come to."""
+        one = np.ones((1, stencil.cloud.count))
+        return cls(stencils=stencils, force=np.concatenate([stencil.gathered(each, one) for each in stencils]))
+
+    def each(self, y: np.ndarray) -> np.ndarray:
+        """The gradient's terms."""
+        return np.broadcast_to(-self.stencils, (len(y), *self.stencils.shape[1:]))
+
+    def frames(self, index: np.ndarray) -> "Held":
+        """The forces of the chosen frames."""
+        return Held(force=per_frame(self.force, index), stencils=per_frame(self.stencils, index))
 
 
 def _clamped(H: np.ndarray) -> np.ndarray:

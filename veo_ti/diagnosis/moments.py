@@ -165,15 +165,13 @@ def _all_forces(
     frames: np.ndarray,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """What every direction pushes with in chosen training frames, (n, K + directions, N, 3)."""
-    soft = parameter_forces(scene.energy, scene.y, ways)
-    along = [Direction(change=companion(scene.of_material(way)), scale=1.0) for way in ways] if companion else []
+    units = [np.tile(unit, (scene.cloud.count, 1)) for unit in np.eye(ways.shape[2])]
+    along = [companion(scene.of_material(unit)).terms for unit in units] if companion else ()
+    soft = parameter_forces(scene.energy, scene.y, ways, along)
 
     def forces(local: np.ndarray) -> np.ndarray:
         index = frames[local]
-        own = soft(index)
-        if along:
-            own += np.stack([d.forces(scene, index) for d in along], axis=1)
-        return np.concatenate([own, *(d.forces(scene, index)[:, None] for d in pushing)], axis=1)
+        return np.concatenate([soft(index), *(d.forces(scene, index)[:, None] for d in pushing)], axis=1)
 
     return forces
 

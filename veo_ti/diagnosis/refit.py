@@ -129,7 +129,7 @@ def _lower(
     for _ in range(4):
         coefficients, theta = state.coefficients + size * change[:n], state.theta + size * change[n:]
         theta = theta if cause is None else cause.bounded(theta)
-        trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta)
+        trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta, state.factors)
         lower = _cost(trial, model, cause, place, prior)
         if lower < cost:
             return trial, lower

@@ -1,13 +1,17 @@
 """The equilibria of one set of unknowns, with whatever a cause makes follow from the motion itself."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim.energy import Energy
+from sim.linear import ROOM, DirectFactors
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
+from sim.sensitivity import Past
+from sim.through_time import settle
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model, change_of
 from veo_ti.diagnosis.scene import Scene
@@ -27,6 +31,7 @@ class Solved:
     coefficients: np.ndarray
     theta: np.ndarray
     equilibrium: Equilibrium
+    factors: DirectFactors | None = None  # that serve nearby
 
     @property
     def found(self) -> bool:
@@ -36,16 +41,52 @@ class Solved:
 
 def solved(
     scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    coefficients: np.ndarray, theta: np.ndarray,
+    coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None,
 ) -> Solved:  # fmt: skip
     """All frames in equilibrium, from the scene's motion on.
 
-    What follows from the motion (viscous strain, damage, set) is taken from the last motion, until the next one is the
-    same: a fixed point, by Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more
-    rounds where a frame that counts has no equilibrium.
+    What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
+    through time find it, with the factors of a solve nearby; where they fail, or so many factors have no room, rounds
+    of solves do.
     """
-    energy = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]]))
-    still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
+    energy, found = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]])), None
+    if cause is not None and cause.follows and scene.y[..., 0].size <= ROOM:
+        found, equilibrium, factors = _through_time(scene, base, energy, solver, cause, place, theta, factors)
+    if found is None:
+        still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
+        found, equilibrium = _in_rounds(scene, base, energy, solver, cause, place, theta, still)
+    return Solved(
+        scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
+        equilibrium=equilibrium, factors=factors,
+    )  # fmt: skip
+
+
+def _through_time(
+    scene: Scene, base: Energy, energy: Energy, solver: LinearSolver, cause: Cause, place: Any, theta: np.ndarray,
+    factors: DirectFactors | None,
+) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:  # fmt: skip
+    """All frames at once; no scene where one has no equilibrium."""
+
+    def remembered(y: np.ndarray) -> tuple[Energy, Callable[[], Sequence[Past]]]:
+        at = scene.moved(energy, y)
+        terms = (*base.terms, *cause.change(at, theta, place).terms)
+        return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
+
+    settled = settle(remembered, scene.y, solver.layout, factors=factors, options=NEWTON)
+    y = settled.equilibrium.y
+    found = scene.moved(remembered(y)[0], y) if settled.equilibrium.converged else None
+    return found, settled.equilibrium, settled.factors
+
+
+def _in_rounds(
+    scene: Scene, base: Energy, energy: Energy, solver: LinearSolver, cause: Cause | None, place: Any,
+    theta: np.ndarray, still: float,
+) -> tuple[Scene, Equilibrium]:  # fmt: skip
+    """What follows from the motion is taken from the last motion, until the next one is the same: a fixed point.
+
+    By Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more rounds where a frame
+    that counts has no equilibrium.
+    """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
     for more in reversed(range(_ROUNDS if cause is not None and cause.follows else 1)):
@@ -58,10 +99,7 @@ def solved(
             break
         mixed = found.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else found
-    return Solved(
-        scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
-        equilibrium=equilibrium,
-    )  # fmt: skip
+    return found, equilibrium
 
 
 def _found(scene: Scene, equilibrium: Equilibrium) -> bool:

@@ -1,0 +1,100 @@
+"""Equilibria that depend on those before them: Newton's steps through time, with factors that serve many of them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.energy import Energy
+from sim.linear import DirectFactors, Layout
+from sim.multifrontal import Cholesky
+from sim.newton import Equilibrium, NewtonOptions, Status
+from sim.sensitivity import Past, answers_in_turn
+
+_KEEPS = 0.2  # of the residual, more than which a step may not leave if the factors are to serve again
+_FELL = 0.9  # of the residual, more than which a step may not leave to be taken
+_HALVES = 4  # of a step, before there is none
+_OPEN = 0.05  # of the smallest J of each frame, that a step must leave
+
+Remembered = Callable[[np.ndarray], tuple[Energy, Callable[[], Sequence[Past]]]]  # of a motion (T, N, 3) [m]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settled:
+    """Frames in equilibrium with what they remember of each other, and factors that serve nearby."""
+
+    equilibrium: Equilibrium
+    factors: DirectFactors | None
+
+
+def settle(
+    remembered: Remembered, start: np.ndarray, layout: Layout, *, factors: DirectFactors | None = None,
+    options: NewtonOptions | None = None,
+) -> Settled:  # fmt: skip
+    """The motion that is in equilibrium with what it lets itself remember, from `start` (T, N, 3) [m].
+
+    `remembered` gives the energy at a motion, with what is remembered of it, and how frames pass on their changes. A
+    step solves the block triangular system of all frames in turn. Factors, of a motion nearby, serve until a step with
+    them leaves too much. Where no step along the direction leaves less, or a tangent is not positive definite (what it
+    leads to may be no minimum), the motion so far is returned, and the status of its frames says so.
+    """
+    options = options or NewtonOptions()
+    here, fresh, steps, ending = _State.at(remembered, start), False, 0, Status.ITERATIONS
+    while here.residual.max() > options.tolerance and steps < options.iterations:
+        if factors is None:
+            factors, fresh = DirectFactors.of(here.energy.tangent(here.y), layout), True
+            if not all(isinstance(f, Cholesky) for f in factors.factors):
+                ending = Status.LINE_SEARCH
+                break
+        right = -here.gradient[:, None]
+        direction = np.concatenate(list(answers_in_turn(here.energy, factors, right, here.pasts())))
+        there = _searched(remembered, here, direction, _HALVES if fresh else 1)
+        steps += 1
+        if there is None and fresh:
+            ending = Status.LINE_SEARCH
+            break
+        if there is None or there.size > _KEEPS * here.size:
+            factors = None
+        here, fresh = there or here, False
+    status = tuple(Status.CONVERGED if r <= options.tolerance else ending for r in here.residual)
+    equilibrium = Equilibrium(
+        y=here.y, status=status, residual=here.residual, iterations=np.full(len(here.y), steps)
+    )  # fmt: skip
+    return Settled(equilibrium=equilibrium, factors=factors)
+
+
+def _searched(remembered: Remembered, here: "_State", direction: np.ndarray, tries: int) -> "_State | None":
+    """The first of ever shorter steps that leaves less; None where none does."""
+    for k in range(tries):
+        y = here.y + 0.5**k * direction
+        if (_smallest(here.energy, y) > _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0)).all():
+            there = _State.at(remembered, y)
+            if there.size < _FELL * here.size:
+                return there
+    return None
+
+
+def _smallest(energy: Energy, y: np.ndarray) -> np.ndarray:
+    """J, (T,)."""
+    return np.linalg.det(energy.elastic.cloud.deformation_gradient(y)).min(axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    y: np.ndarray
+    energy: Energy
+    pasts: Callable[[], Sequence[Past]]
+    gradient: np.ndarray
+    residual: np.ndarray
+
+    @classmethod
+    def at(cls, remembered: Remembered, y: np.ndarray) -> "_State":
+        energy, pasts = remembered(y)
+        gradient = energy.gradient(y)
+        residual = np.linalg.norm(gradient, axis=(1, 2)) / energy.scale(y)
+        return cls(y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual)
+
+    @property
+    def size(self) -> float:
+        """Of the residuals of all frames together."""
+        return float(np.linalg.norm(self.residual))

@@ -1,0 +1,97 @@
+"""Newton through time: a motion that remembers itself is the one that frame after frame would give."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sim_cases
+
+from sim.cloud import RestCloud
+from sim.energy import Energy
+from sim.laws.history import viscous
+from sim.linear import Layout
+from sim.newton import NewtonOptions, Status, equilibrate
+from sim.recollection import Passing, Recollection
+from sim.sensitivity import Past
+from sim.through_time import settle
+
+TIME = np.arange(6.0)
+TIGHT = NewtonOptions(tolerance=1e-9)
+PULLS = np.array([0.0, 0.02, 0.05, 0.05, 0.01, 0.0])[:, None] * np.array([1.0, 0.3, -0.5])
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return sim_cases.elastic()
+
+
+def remembering(energy: Energy, share: float) -> Callable:
+    """What `settle` asks, for a material with a viscous strain that is behind by about a frame."""
+    stencil, mu = energy.elastic.stencil, share * energy.elastic.m[:, 0]
+
+    def remembered(y: np.ndarray) -> tuple[Energy, Callable[[], Sequence[Past]]]:
+        F = energy.elastic.cloud.deformation_gradient(y)
+        what = Recollection(stencil=stencil, memory=viscous(TIME, 1.3), y=y, F=F)
+        terms = (*energy.terms, *what.terms(mu, elastic=1.0))
+        return replace(energy, terms=terms), lambda: (Passing(what, mu),)
+
+    return remembered
+
+
+def marched(energy: Energy, share: float, cloud: RestCloud) -> np.ndarray:
+    """Frame after frame, each solved by itself with what the frames before it have left."""
+    y = sim_cases.at_rest(cloud, len(TIME))
+    for t in range(len(TIME)):
+        whole = remembering(energy, share)(y)[0]  # of later frames, which change nothing before them
+        y[t] = equilibrate(whole.frames(np.array([t])), y[t : t + 1], options=TIGHT).require_converged().y[0]
+    return y
+
+
+def test_the_motion_is_that_of_frames_solved_one_after_the_other(elastic):
+    energy, cloud = sim_cases.clamped(elastic, PULLS), elastic.cloud
+    found = settle(remembering(energy, 2.0), sim_cases.at_rest(cloud, len(TIME)), Layout.of(elastic), options=TIGHT)
+    expected = marched(energy, 2.0, cloud)
+    assert found.equilibrium.converged
+    assert np.abs(found.equilibrium.y - expected).max() < 1e-8 * np.abs(expected - cloud.x).max()
+    plain = equilibrate(energy, sim_cases.at_rest(cloud, len(TIME)), options=TIGHT)
+    assert np.abs(plain.y - expected).max() > 0.1 * np.abs(expected - cloud.x).max()  # it does remember
+
+
+def test_steps_through_time_are_newtons(elastic):
+    """With fresh factors the residual falls quadratically, which it would not if frames passed on something else."""
+    energy, y = sim_cases.clamped(elastic, PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+    ask, one, left = remembering(energy, 2.0), NewtonOptions(tolerance=1e-14, iterations=1), []
+    for _ in range(4):
+        found = settle(ask, y, Layout.of(elastic), options=one).equilibrium
+        y = found.y
+        left.append(found.residual.max())
+    assert left[2] < 10 * left[1] ** 2 and left[3] < max(10 * left[2] ** 2, 1e-11)
+
+
+def test_factors_of_a_state_nearby_lead_to_the_same_motion(elastic):
+    energy, start = sim_cases.clamped(elastic, PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+    layout = Layout.of(elastic)
+    near = settle(remembering(energy, 1.8), start, layout, options=TIGHT)
+    ask = remembering(energy, 2.0)
+    fresh = settle(ask, start, layout, options=TIGHT).equilibrium
+    again = settle(ask, near.equilibrium.y, layout, factors=near.factors, options=TIGHT)
+    assert again.factors is near.factors  # they served to the end
+    assert sim_cases.relative(again.equilibrium.y, fresh.y) < 1e-8
+
+
+def test_too_few_steps_are_a_status(elastic):
+    energy, start = sim_cases.clamped(elastic, PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+    few = NewtonOptions(tolerance=1e-9, iterations=1)
+    found = settle(remembering(energy, 2.0), start, Layout.of(elastic), options=few).equilibrium
+    assert not found.converged
+    assert {s for s, r in zip(found.status, found.residual, strict=True) if r > 1e-9} == {Status.ITERATIONS}
+
+
+def test_an_unstable_state_is_not_taken_for_an_equilibrium(elastic):
+    """Pushed together hard, the body has a tangent that is not positive: nothing is claimed."""
+    energy = sim_cases.clamped(elastic, np.repeat([[-3.0, 0.0, 0.0]], len(TIME), axis=0))
+    start = sim_cases.at_rest(elastic.cloud, len(TIME))
+    start[:, :, 0] *= 0.4
+    found = settle(remembering(energy, 0.1), start, Layout.of(elastic), options=TIGHT).equilibrium
+    assert not found.converged and Status.LINE_SEARCH in found.status
