@@ -124,7 +124,7 @@ def test_solver_is_chosen_by_size_and_by_how_many_frames_there_are(tangent, monk
     energy, large = tangent.energy, held(sim_cases.elastic("poisson", count=1000), frames=1)
     assert isinstance(LinearSolver.of(energy).preconditioner(tangent), DirectFactors)
     assert isinstance(LinearSolver.of(large.energy).preconditioner(large), TwoLevel)
-    monkeypatch.setattr("sim.newton._ROOM", tangent.y.shape[1])  # of one frame; there are two
+    monkeypatch.setattr("sim.newton.ROOM", tangent.y.shape[1])  # of one frame; there are two
     assert isinstance(LinearSolver.of(energy).preconditioner(tangent), TwoLevel)
     assert isinstance(LinearSolver.of(energy, "direct").preconditioner(tangent), DirectFactors)
 
