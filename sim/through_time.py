@@ -29,17 +29,19 @@ class Settled:
 
 def settle(
     remembered: Remembered, start: np.ndarray, layout: Layout, *, factors: DirectFactors | None = None,
-    options: NewtonOptions | None = None,
+    options: NewtonOptions | None = None, still: float = 0.0,
 ) -> Settled:  # fmt: skip
     """The motion that is in equilibrium with what it lets itself remember, from `start` (T, N, 3) [m].
 
     `remembered` gives the energy at a motion, with what is remembered of it, and how frames pass on their changes. A
-    step solves the block triangular system of all frames in turn. Factors, of a motion nearby, serve until a step with
-    them leaves too much. Where no step along the direction leaves less, or a tangent is not positive definite (what it
-    leads to may be no minimum), the motion so far is returned, and the status of its frames says so.
+    step solves the block triangular system of all frames in turn, and none is made after one of root mean square below
+    `still` [m]. Factors, of a motion nearby, serve until a step with them leaves too much, and more than one with fresh
+    ones did (some of what is remembered may not be told). Where no step along the direction leaves less, or a tangent
+    is not positive definite (what it leads to may be no minimum), the motion so far is returned, and the status of its
+    frames says so.
     """
     options = options or NewtonOptions()
-    here, fresh, steps, ending = _State.at(remembered, start), False, 0, Status.ITERATIONS
+    here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
     while here.residual.max() > options.tolerance and steps < options.iterations:
         if factors is None:
             factors, fresh = DirectFactors.of(here.energy.tangent(here.y), layout), True
@@ -50,10 +52,16 @@ def settle(
         direction = np.concatenate(list(answers_in_turn(here.energy, factors, right, here.pasts())))
         there = _searched(remembered, here, direction, _HALVES if fresh else 1)
         steps += 1
+        if np.sqrt((direction**2).mean()) < still:
+            here, ending = there or here, Status.CONVERGED
+            break
         if there is None and fresh:
             ending = Status.LINE_SEARCH
             break
-        if there is None or there.size > _KEEPS * here.size:
+        left = np.inf if there is None else there.size / here.size
+        if fresh:
+            expected = max(left, _KEEPS)
+        elif left > expected:
             factors = None
         here, fresh = there or here, False
     status = tuple(Status.CONVERGED if r <= options.tolerance else ending for r in here.residual)

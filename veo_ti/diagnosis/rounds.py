@@ -18,8 +18,19 @@ from veo_ti.diagnosis.placing import better_place
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Score, Statistics, score
-from veo_ti.diagnosis.verdict import EXPLAINED, MISFIT, SURVIVES, TESTABLE, TOGETHER, Candidate, Verdict, judge, nothing
-from veo_ti.diagnosis.visible import least_visible, noise_alike, visible
+from veo_ti.diagnosis.verdict import (
+    EXPLAINED,
+    MISFIT,
+    SURVIVES,
+    TESTABLE,
+    TOGETHER,
+    Candidate,
+    Verdict,
+    judge,
+    nothing,
+    stands,
+)  # fmt: skip
+from veo_ti.diagnosis.visible import faint, least_visible, noise_alike, visible
 
 SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
@@ -85,6 +96,9 @@ def look(
     candidates = [_candidate(result, current, replace(model, s2=floor), s2, modes, before) for result in tried]
     candidates.sort(key=lambda c: -c.gained)
     verdict, experiment = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), None
+    explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
+    if not explained and faint(taken, model.s2, modes):
+        verdict = nothing(faint=True)
     if verdict.kind == "ambiguous":
         say("what would tell them apart")
         first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])

@@ -103,6 +103,11 @@ def _unexplained(diagnosis: Diagnosis) -> str:
 
 
 def _nothing(diagnosis: Diagnosis) -> str:
+    if diagnosis.rounds[0].candidates:
+        return (
+            f"Hardly more is left than the noise of {1e3 * diagnosis.noise.sigma:.2g} mm per coordinate and the "
+            "simulation's own error, and no known cause explains it."
+        )
     return (
         "Nothing is wrong that this measurement could show: the simulation is as close to it as its noise of "
         f"{1e3 * diagnosis.noise.sigma:.2g} mm per coordinate allows."

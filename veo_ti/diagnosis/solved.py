@@ -18,6 +18,7 @@ from veo_ti.diagnosis.scene import Scene
 
 _ROUNDS = 12  # of motion and what follows from it, such as damage
 _STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
+_NEAR = 0.3  # of that, for steps all frames at once
 _DEPTH = 4  # rounds that are mixed
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
 
@@ -50,10 +51,10 @@ def solved(
     of solves do.
     """
     energy, found = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]])), None
+    still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
     if cause is not None and cause.follows and scene.y[..., 0].size <= ROOM:
-        found, equilibrium, factors = _through_time(scene, base, energy, solver, cause, place, theta, factors)
+        found, equilibrium, factors = _through_time(scene, base, energy, solver, cause, place, theta, still, factors)
     if found is None:
-        still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
         found, equilibrium = _in_rounds(scene, base, energy, solver, cause, place, theta, still)
     return Solved(
         scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
@@ -63,7 +64,7 @@ def solved(
 
 def _through_time(
     scene: Scene, base: Energy, energy: Energy, solver: LinearSolver, cause: Cause, place: Any, theta: np.ndarray,
-    factors: DirectFactors | None,
+    still: float, factors: DirectFactors | None,
 ) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:  # fmt: skip
     """All frames at once; no scene where one has no equilibrium."""
 
@@ -72,7 +73,7 @@ def _through_time(
         terms = (*base.terms, *cause.change(at, theta, place).terms)
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
-    settled = settle(remembered, scene.y, solver.layout, factors=factors, options=NEWTON)
+    settled = settle(remembered, scene.y, solver.layout, factors=factors, options=NEWTON, still=_NEAR * still)
     y = settled.equilibrium.y
     found = scene.moved(remembered(y)[0], y) if settled.equilibrium.converged else None
     return found, settled.equilibrium, settled.factors

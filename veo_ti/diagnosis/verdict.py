@@ -76,9 +76,12 @@ def _margin(best: Candidate) -> float:
     return max(APART, APART_SHARE * best.gained)
 
 
-def nothing(*, even: bool = False) -> Verdict:
-    """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share."""
+def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
+    """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share; faint: more
+    than either, but little, and no known cause explains it."""
     sentence = "The simulation is as good as the measurement's noise allows."
+    if faint:
+        sentence = "Hardly more is left than noise and the simulation's own error, and no known cause explains it."
     if even:
         sentence += " What is left is as strong in all frames, whatever the load: noise that neighbours share."
     return Verdict(kind="no_misfit", causes=(), sentence=sentence)
