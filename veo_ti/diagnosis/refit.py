@@ -51,7 +51,7 @@ def refit(
     prior = np.concatenate([model.prior, widths**2])
     solver = LinearSolver.of(base)
     state, cost = _best_start(scene, base, model, solver, cause, place, theta, start, shift, prior)
-    line, fresh = _linearised(state, model, cause, place), True
+    line, fresh, reach = _linearised(state, model, cause, place), True, 1.0
     for step in range(_STEPS + 1):
         normal = line.normal(state, model, cause, place)
         full = np.concatenate([state.coefficients, state.theta])
@@ -60,7 +60,7 @@ def refit(
         gain = 0.5 * change @ (normal.A / model.s2 + np.diag(1 / prior)) @ change
         if gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
             break
-        smaller = _lower(state, cost, gain, base, model, solver, cause, place, change, prior)
+        smaller, reach = _lower(state, cost, gain, base, model, solver, cause, place, change, prior, reach)
         if smaller is None and fresh:
             break
         kept = smaller is not None and cost - smaller[1] > _KEPT * gain
@@ -117,25 +117,27 @@ def _best_start(
 
 def _lower(
     state: Solved, cost: float, gain: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None,
-    place: Any, change: np.ndarray, prior: np.ndarray,
-) -> tuple[Solved, float] | None:  # fmt: skip
-    """The longest of a few shortened steps that lowers the cost, or None.
+    place: Any, change: np.ndarray, prior: np.ndarray, reach: float,
+) -> tuple[tuple[Solved, float] | None, float]:  # fmt: skip
+    """The longest of a few shortened steps that lowers the cost, or None; and how far the next one may reach at first.
 
     Shortened to the lowest point of the parabola through the cost, its slope and the cost of the step that failed.
+    Where a step led to no equilibrium, which is slow to find out, the next one begins with twice the share that did.
     """
     K, n = model.basis.log_mu.shape[1], len(state.coefficients)
     most = float(np.abs(model.basis.log_mu @ change[:K]).max())
-    size = min(1.0, _CAUTION / max(most, 1e-12))
+    size, missing = min(reach, _CAUTION / max(most, 1e-12)), False
     for _ in range(4):
         coefficients, theta = state.coefficients + size * change[:n], state.theta + size * change[n:]
         theta = theta if cause is None else cause.bounded(theta)
         trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta, state.factors)
         lower = _cost(trial, model, cause, place, prior)
+        missing |= bool(np.isinf(lower))
         if lower < cost:
-            return trial, lower
+            return (trial, lower), min(1.0, 2 * size) if missing or reach < 1 else 1.0
         slope = -2 * gain * size
         size *= float(np.clip(-slope / (2 * (lower - cost - slope)), *_SHORTER))
-    return None
+    return None, min(1.0, 2 * size) if missing else reach
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

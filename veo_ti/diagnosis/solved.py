@@ -20,7 +20,7 @@ _ROUNDS = 12  # of motion and what follows from it, such as damage
 _STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
 _NEAR = 0.3  # of that, for steps all frames at once
 _DEPTH = 4  # rounds that are mixed
-NEWTON = NewtonOptions(tolerance=1e-5, iterations=20)
+NEWTON = NewtonOptions(tolerance=1e-5, iterations=12)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
