@@ -1,6 +1,7 @@
 """Equilibria under a cause that follows the motion: the motion is the one that its own history leads to."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from sim.newton import LinearSolver, NewtonOptions, equilibrate
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import PermanentSet, Softening, StiffnessDrift, Viscoelasticity
 from veo_ti.diagnosis.model import change_of
-from veo_ti.diagnosis.refit import _linearised
+from veo_ti.diagnosis.refit import _linearised, _lower
 from veo_ti.diagnosis.solved import Solved, solved
 
 STRONG = {Viscoelasticity: 2.0, PermanentSet: 0.4, Softening: 0.7}
@@ -62,3 +63,27 @@ def test_columns_are_slopes_of_the_motion_with_its_history(cause, scene, model, 
         for t, X in zip(columns.frames, columns.columns, strict=True):
             expected = slope[t, scene.target.seen[t]].ravel()
             assert np.linalg.norm(X[k] - expected) <= 0.01 * np.linalg.norm(expected)
+
+
+def test_the_next_step_begins_with_twice_what_had_an_equilibrium(monkeypatch):
+    """Beyond 0.15 there is none; the costs fall all the way there."""
+    tried: list[float] = []
+
+    def fake(*given):
+        tried.append(float(given[6][0]))
+        return SimpleNamespace(coefficients=given[6])
+
+    monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
+    monkeypatch.setattr(
+        "veo_ti.diagnosis.refit._cost", lambda trial, *_: np.inf if trial.coefficients[0] > 0.15 else -tried[-1]
+    )
+    here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(1), theta=np.zeros(0))
+    one = SimpleNamespace(basis=SimpleNamespace(log_mu=np.ones((1, 1))))
+
+    def lower(reach: float) -> float:
+        return _lower(here, 0.0, 1.0, None, one, None, None, None, np.ones(1), np.ones(1), reach)[1]
+
+    assert lower(lower(1.0)) == pytest.approx(0.04)
+    assert tried == pytest.approx([1.0, 0.1, 0.2, 0.02])
+    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda trial, *_: -tried[-1])
+    assert lower(1.0) == 1.0  # as long as there always is one

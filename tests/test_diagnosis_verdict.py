@@ -2,10 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import Candidate, judge, stands
+from veo_ti.diagnosis.visible import faint, visible
 
 
 def test_no_misfit_needs_no_candidates():
@@ -58,3 +60,23 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
     assert stands([most]) and not stands([good])
     assert stands([good, good]) and not stands([part, part])
+
+
+@pytest.mark.parametrize(
+    ("left", "motion", "seen", "little"),
+    [
+        (0.3, 5.0, False, True),  # in units of the noise
+        (0.5, 5.0, True, True),  # a cause that explains it may be named; without one, nothing is said to be wrong
+        (0.7, 5.0, True, False),
+        (1.2, 100.0, True, True),  # little of a large motion, which the simulation has not to better than that
+        (0.7, 200.0, False, True),
+        (3.0, 100.0, True, False),
+    ],
+)
+def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, little, monkeypatch):
+    monkeypatch.setattr("veo_ti.diagnosis.visible._excess", lambda *_: (left, 1.0))
+    all_seen = SimpleNamespace(seen=np.ones((2, 3), bool))
+    y = np.full((2, 3, 3), motion)
+    scene = SimpleNamespace(target=all_seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
+    current = SimpleNamespace(scene=scene)
+    assert (visible(current, 1.0, None), faint(current, 1.0, None)) == (seen, little)
