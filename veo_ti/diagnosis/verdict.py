@@ -14,7 +14,8 @@ APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must
 CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted:
 SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simulation's own error can turn about
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
-LEFT = 0.1  # share that a cause may leave and still reject others by what they leave
+LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
+MORE = 5.0  # times as much
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it, and
@@ -62,7 +63,7 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other."""
     left, other = 1 - best.explained, 1 - rival.explained
     clean = best.misfit.z < MISFIT or left < LEFT
-    return clean and rival.misfit.z > 2 * MISFIT and other > 3 * left
+    return clean and rival.misfit.z > 2 * MISFIT and other > MORE * left
 
 
 def _margin(best: Candidate) -> float:
