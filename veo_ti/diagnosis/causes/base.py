@@ -49,7 +49,7 @@ class Cause:
     needs_load = False  # whether it is about the nominal forces
     needs_mass = False  # whether the object must have been weighed
     over_time = ""  # what it takes several frames to show, such as a history
-    material = False  # whether the change is proportional to the material's parameters mu, lam
+    material = False  # whether the change is a law of each point in proportion to its mu, lam: terms that have `each`
     follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other
     known: tuple[float, ...] | None = None  # sizes (d,) the parameters have where the cause acts, if that is known
 
