@@ -21,9 +21,10 @@ Remembered = Callable[[np.ndarray], tuple[Energy, Callable[[], Sequence[Past]]]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Settled:
-    """Frames in equilibrium with what they remember of each other, and factors that serve nearby."""
+    """Frames in equilibrium with what they remember, the energy they are in, and factors that serve nearby."""
 
     equilibrium: Equilibrium
+    energy: Energy
     factors: DirectFactors | None
 
 
@@ -68,14 +69,15 @@ def settle(
     equilibrium = Equilibrium(
         y=here.y, status=status, residual=here.residual, iterations=np.full(len(here.y), steps)
     )  # fmt: skip
-    return Settled(equilibrium=equilibrium, factors=factors)
+    return Settled(equilibrium=equilibrium, energy=here.energy, factors=factors)
 
 
 def _searched(remembered: Remembered, here: "_State", direction: np.ndarray, tries: int) -> "_State | None":
     """The first of ever shorter steps that leaves less; None where none does."""
+    least = _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0)
     for k in range(tries):
         y = here.y + 0.5**k * direction
-        if (_smallest(here.energy, y) > _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0)).all():
+        if (_smallest(here.energy, y) > least).all():
             there = _State.at(remembered, y)
             if there.size < _FELL * here.size:
                 return there

@@ -7,7 +7,7 @@ import pytest
 
 from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import Candidate, judge, stands
-from veo_ti.diagnosis.visible import faint, visible
+from veo_ti.diagnosis.visible import Left
 
 
 def test_no_misfit_needs_no_candidates():
@@ -74,10 +74,9 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
         (3.0, 100.0, True, False),
     ],
 )
-def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, little, monkeypatch):
-    monkeypatch.setattr("veo_ti.diagnosis.visible._excess", lambda *_: (left, 1.0))
+def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, little):
     all_seen = SimpleNamespace(seen=np.ones((2, 3), bool))
     y = np.full((2, 3, 3), motion)
     scene = SimpleNamespace(target=all_seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
-    current = SimpleNamespace(scene=scene)
-    assert (visible(current, 1.0, None), faint(current, 1.0, None)) == (seen, little)
+    found = Left(scene=scene, excess=left, noise=1.0)
+    assert (found.visible, found.faint) == (seen, little)

@@ -29,8 +29,8 @@ from veo_ti.diagnosis.verdict import (
     judge,
     nothing,
     stands,
-)  # fmt: skip
-from veo_ti.diagnosis.visible import faint, least_visible, noise_alike, visible
+)
+from veo_ti.diagnosis.visible import Left, least_visible
 
 SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
@@ -85,10 +85,14 @@ def look(
     say("fingerprints of all causes")
     statistics, scores = scores_of(taken, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
-    if misfit.z < MISFIT or not visible(taken, model.s2, modes):
-        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
-    if even and noise_alike(taken, model.s2, modes):
-        return Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(even=True), s2=model.s2)
+    quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
+    if misfit.z < MISFIT:
+        return quiet
+    left = Left.by(taken, model.s2, modes)
+    if not left.visible:
+        return quiet
+    if even and left.like_noise:
+        return replace(quiet, verdict=nothing(even=True))
     leaders = _narrowed(_leaders(scores, SURVIVES if shadow else TESTABLE), taken, model, floor, modes, say)
     tried, s2 = _tried(leaders, current, model, modes, say)
     floor = min([floor, *(measure_noise(result.taken_in().scene, modes).variance for result in tried)])
@@ -97,7 +101,7 @@ def look(
     candidates.sort(key=lambda c: -c.gained)
     verdict, experiment = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), None
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
-    if not explained and faint(taken, model.s2, modes):
+    if not explained and left.faint:
         verdict = nothing(faint=True)
     if verdict.kind == "ambiguous":
         say("what would tell them apart")

@@ -17,7 +17,7 @@ from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import WORTH, Progress, Round, counted, look
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.verdict import MISFIT, Candidate, Verdict, stands, unexplained
-from veo_ti.diagnosis.visible import visible
+from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 
 SMOOTH = 12  # spatial modes in which misfit is looked for
@@ -112,7 +112,11 @@ def _rounds(
     if kind == "named" and stands(found):
         others = [cause for cause in causes if cause.name != found[0].name]
         model, floor = narrower(found[0])
-        if not others or found[0].misfit.z < MISFIT or not visible(found[0].refit.taken_in(), model.s2, modes):
+        if (
+            not others
+            or found[0].misfit.z < MISFIT
+            or not Left.by(found[0].refit.taken_in(), model.s2, modes).visible
+        ):
             return [first]
         return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
     if kind not in ("named", "unexplained"):

@@ -74,9 +74,8 @@ def _through_time(
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
     settled = settle(remembered, scene.y, solver.layout, factors=factors, options=NEWTON, still=_NEAR * still)
-    y = settled.equilibrium.y
-    found = scene.moved(remembered(y)[0], y) if settled.equilibrium.converged else None
-    return found, settled.equilibrium, settled.factors
+    reached = settled.equilibrium
+    return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
 
 
 def _in_rounds(

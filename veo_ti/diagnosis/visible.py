@@ -1,5 +1,7 @@
 """Whether what a fit leaves is more than noise and the simulation's own error could be."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from veo_ti.diagnosis.model import Refit
@@ -12,22 +14,38 @@ _FAINT = 0.6, 0.015  # of the noise and of the motion: no more than that, it tak
 _SHARED = 1.0  # of the noise between neighbours, that the noise they share may add at most
 
 
-def visible(current: Refit, s2: float, modes: np.ndarray) -> bool:
-    """Whether what a refit leaves, its cause taken in, is more than the simulation's own error may be."""
-    excess, local = _excess(current, s2, modes)
-    return excess > least_visible(current.scene, local)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Left:
+    """What a fit leaves in a scene, its cause taken in."""
 
+    scene: Scene
+    excess: float  # root mean square per coordinate [m] beyond noise
+    noise: float  # as neighbours show it, likewise
 
-def faint(current: Refit, s2: float, modes: np.ndarray) -> bool:
-    """Whether it is so little more that the simulation may be to blame, unless a cause explains it."""
-    excess, local = _excess(current, s2, modes)
-    return excess < max(_FAINT[0] * local, _FAINT[1] * _motion(current.scene))
+    @classmethod
+    def by(cls, current: Refit, s2: float, modes: np.ndarray) -> "Left":
+        """By a refit, which has used as many parameters as it does at the variance s2 [m2]."""
+        scene, seen = current.scene, current.scene.target.seen & current.scene.train[:, None]
+        square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
+            3 * seen.sum() - current.used(s2)
+        )
+        noise = measure_noise(scene, modes).local
+        return cls(scene=scene, excess=float(np.sqrt(max(square - noise**2, 0.0))), noise=noise)
 
+    @property
+    def visible(self) -> bool:
+        """Whether it is more than the simulation's own error may be."""
+        return self.excess > least_visible(self.scene, self.noise)
 
-def noise_alike(current: Refit, s2: float, modes: np.ndarray) -> bool:
-    """Whether it is no larger than noise that neighbours share may be."""
-    excess, local = _excess(current, s2, modes)
-    return excess < _SHARED * local
+    @property
+    def faint(self) -> bool:
+        """Whether it is so little more that the simulation may be to blame, unless a cause explains it."""
+        return self.excess < max(_FAINT[0] * self.noise, _FAINT[1] * _motion(self.scene))
+
+    @property
+    def like_noise(self) -> bool:
+        """Whether it is no larger than noise that neighbours share may be."""
+        return self.excess < _SHARED * self.noise
 
 
 def least_visible(scene: Scene, sigma: float) -> float:
@@ -39,14 +57,3 @@ def _motion(scene: Scene) -> float:
     """Root mean square per coordinate [m]."""
     seen = scene.target.seen & scene.train[:, None]
     return float(np.sqrt((((scene.y - scene.cloud.x) ** 2).sum(axis=2) * seen).sum() / (3 * seen.sum())))
-
-
-def _excess(current: Refit, s2: float, modes: np.ndarray) -> tuple[float, float]:
-    """Root mean square per coordinate [m] of what is left beyond noise, and the noise as neighbours show it."""
-    scene = current.scene
-    seen = scene.target.seen & scene.train[:, None]
-    square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
-        3 * seen.sum() - current.used(s2)
-    )
-    local = measure_noise(scene, modes).local
-    return float(np.sqrt(max(square - local**2, 0.0))), local
