@@ -83,6 +83,10 @@ class Basis:
         mu = np.exp(self.centre + self.log_mu @ a)
         return Lame(mu=mu, lam=mu * np.exp(np.log(2 * nu / (1 - 2 * nu)) + self.log_ratio @ a))
 
+    def stiffer(self, a: np.ndarray, nats: float) -> np.ndarray:
+        """Coefficients (K + ...,) of an object whose mu and lam are exp(nats) times those of a, everywhere."""
+        return a + nats * np.eye(len(a))[0]
+
     def directions(self, lame: Lame) -> np.ndarray:
         """d(mu, lam)/da, (K, N, 2)."""
         d_mu = lame.mu[:, None] * self.log_mu

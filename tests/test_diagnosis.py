@@ -85,8 +85,9 @@ def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause
     assert np.abs(resolved(scene, cause, zero, place) - scene.y).max() < 1e-9
     directions = directions_of(cause, scene, place)
     first = np.eye(len(widths))[0]
-    if cause.known is not None:  # a finite effect
-        slope = (resolved(scene, cause, cause.known * first, place) - scene.y) / cause.known[0]
+    known = cause.known(place)
+    if known is not None:  # a finite effect
+        slope = (resolved(scene, cause, known * first, place) - scene.y) / known[0]
     else:
         step, back = 2e-3 * widths[0], not cause.parameters[0].positive
         ahead, behind = (resolved(scene, cause, sign * step * first, place) for sign in (1, -float(back)))

@@ -56,6 +56,8 @@ class Observation:
         self._set("up", (3,), default=-self.gravity if self.gravity.any() else np.array([0.0, 0.0, 1.0]))
         self._set("sigma", (frames, points) if np.ndim(self.sigma) else ())
         self._set("held_out", (frames,), bool)
+        known = as_array("force_scale_known", np.ravel(self.force_scale_known), (1,), bool)
+        object.__setattr__(self, "force_scale_known", bool(known[0]))
         object.__setattr__(self, "jet", _sound_jet(self.jet, frames))
 
     def _set(self, name: str, shape: tuple[int, ...], dtype: type = float, default: np.ndarray | None = None) -> None:
@@ -92,8 +94,7 @@ class Observation:
         if path.suffix == ".vtkhdf":
             return write_sequence(path, keys_sequence(_to_keys(self)))
         require(path.suffix == ".npz", "path", "end in .npz or .vtkhdf", repr(path.name))
-        plain = self.force_scale_known and self.held_out is None
-        require(plain, "path", "end in .vtkhdf to keep an unknown force scale or held-out frames", repr(path.name))
+        require(self.held_out is None, "path", "end in .vtkhdf to keep held-out frames", repr(path.name))
         writable_folder(path.parent)
         with replacing(path) as partial:
             np.savez_compressed(partial, **{n: value for n, value in _to_keys(self).items() if n not in NATIVE})
@@ -179,6 +180,8 @@ def _from_keys(keys: Mapping[str, object]) -> Observation:
 def _to_keys(observation: Observation) -> dict[str, object]:
     names = [name for name in (*REQUIRED, *OPTIONAL, *NATIVE) if name not in JET_KEYS]
     keys = {name: getattr(observation, name) for name in names if getattr(observation, name) is not None}
+    if observation.force_scale_known:  # as where nothing is said
+        del keys["force_scale_known"]
     if observation.jet is not None:
         jet = observation.jet
         keys |= dict(zip(JET_KEYS, (jet.position, jet.direction, jet.force, jet.footprint), strict=True))

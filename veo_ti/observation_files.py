@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 REQUIRED = ("points", "time", "fixed")
 JET_KEYS = ("nozzle_position", "nozzle_direction", "nozzle_force", "nozzle_footprint")
-OPTIONAL = ("forces", "surface", "volume", "mass", "gravity", "handles", "observed", "sigma", *JET_KEYS)
-NATIVE = ("held_out", "force_scale_known", "name", "up")  # kept by .vtkhdf only
+OPTIONAL = (
+    "forces", "surface", "volume", "mass", "gravity", "handles", "observed", "sigma", "force_scale_known", *JET_KEYS,
+)  # fmt: skip
+NATIVE = ("held_out", "name", "up")  # kept by .vtkhdf only
 
 PLUSH_FRAME_RATE = 40.0  # [1/s], the paper's section "PLUSH Dataset"
 PLUSH_UP = np.array([0.0, 1.0, 0.0])  # its world is the first camera's, with y upwards in the picture

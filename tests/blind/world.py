@@ -143,4 +143,5 @@ def _keys(
         "nozzle_force": scale * np.array([s.force for s in shots]),
         "nozzle_footprint": np.float64(scene.program.footprint),
     }  # fmt: skip
-    return keys if seen.observed.all() else {**keys, "observed": seen.observed}
+    told = {} if scale == 1 else {"force_scale_known": False}
+    return keys | told | ({} if seen.observed.all() else {"observed": seen.observed})

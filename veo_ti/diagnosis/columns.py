@@ -40,7 +40,8 @@ def directions_of(cause: Cause, scene: Scene, place: Any, theta: np.ndarray | No
     """One direction a parameter: around theta, or at the null, where a cause of known size is taken at that size."""
     widths = cause.widths(scene)
     if theta is None:
-        steps = _STEP * widths if cause.known is None else np.array(cause.known)
+        known = cause.known(place)
+        steps = _STEP * widths if known is None else known
         return [
             Direction(change=cause.change(scene, step * axis, place), scale=step)
             for step, axis in zip(steps, np.eye(len(steps)), strict=True)

@@ -196,22 +196,28 @@ def _tried(
 
 def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
     say(f"refit with {found.name}")
-    start, shift = current.coefficients, found.nuisances - current.coefficients
+    start, shift, theta = current.coefficients, found.nuisances - current.coefficients, found.theta
+    place, stiffer = found.cause.begin(found.place)
+    if stiffer:  # too far for the first order
+        start, shift, theta = model.basis.stiffer(start, stiffer), None, found.cause.known(found.place)
     if current.cause is not None:
-        both, place = Beside(current.cause, found.cause), (current.place, found.place)
-        theta = np.concatenate([current.theta, np.zeros(len(found.theta))])
-        return refit(current.without, model, start, cause=both, place=place, theta=theta)
-    return refit(current.scene, model, start, cause=found.cause, place=found.place, theta=found.theta, shift=shift)
+        both, theta = Beside(current.cause, found.cause), theta if stiffer else np.zeros(len(theta))
+        theta = np.concatenate([current.theta, theta])
+        return refit(current.without, model, start, cause=both, place=(current.place, place), theta=theta)
+    return refit(current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift)
 
 
 def _placed(result: Refit, model: Model, say: Progress) -> Refit:
     """Once more where the refitted material shows a better place, as long as it does."""
     for _ in range(_MOVES):
-        place = better_place(result, model)
+        cause, place = result.cause, better_place(result, model)
         if place is result.place:  # places may be arrays
             break
-        say(f"{result.cause.name} at a better place")
-        result = refit(result.without, model, result.coefficients, cause=result.cause, place=place, theta=result.theta)
+        say(f"{cause.name} at a better place")
+        at, stiffer = cause.begin(place)
+        theta = cause.known(place) if stiffer else result.theta
+        start = model.basis.stiffer(result.coefficients, stiffer)
+        result = refit(result.without, model, start, cause=cause, place=at, theta=theta)
     return result
 
 
@@ -230,7 +236,8 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
     return Candidate(
         refit=result, gained=gained, predicted=predicted, misfit=left,
         settled=result.converged or result.short < SHORT * gained,
-        explained=1 - left.excess / max(before.excess, 1e-300), plausible=result.cause.plausible(result.theta),
+        explained=1 - left.excess / max(before.excess, 1e-300),
+        plausible=result.cause.plausible(result.scene, result.theta),
     )  # fmt: skip
 
 

@@ -51,7 +51,6 @@ class Cause:
     over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is a law of each point in proportion to its mu, lam: terms that have `each`
     follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other
-    known: tuple[float, ...] | None = None  # sizes (d,) the parameters have where the cause acts, if that is known
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""
@@ -73,6 +72,10 @@ class Cause:
         """What it lets frames pass on to later ones."""
         return ()
 
+    def known(self, place: Any) -> np.ndarray | None:
+        """Sizes (d,) the parameters have where the cause acts, if that is known."""
+        return None
+
     def untestable(self, scene: Scene) -> str | None:
         """Why this measurement cannot speak about the cause, in a sentence, or None."""
         if self.needs_load and not scene.forces.any():
@@ -91,11 +94,15 @@ class Cause:
         """Places between `place` and the others that were scanned, for a closer look."""
         return ()
 
+    def begin(self, place: Any) -> tuple[Any, float]:
+        """The place at which a fit begins, and how much stiffer the whole object is there [nats]."""
+        return place, 0.0
+
     def describe(self, scene: Scene, place: Any) -> str:
         """The place in words, or nothing."""
         return ""
 
-    def plausible(self, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
         """Whether physics allows these parameters."""
         positive = np.array([p.positive for p in self.parameters])
         return bool((theta[positive] > 0).all())

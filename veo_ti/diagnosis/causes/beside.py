@@ -67,9 +67,9 @@ class Beside(Cause):
         """The second one's place in words."""
         return self.other.describe(scene, place[1])
 
-    def plausible(self, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
         """Both are."""
-        return all(cause.plausible(theta[own]) for cause, own in self.parts)
+        return all(cause.plausible(scene, theta[own]) for cause, own in self.parts)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Both ones'."""

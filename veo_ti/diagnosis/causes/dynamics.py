@@ -1,12 +1,12 @@
 """Causes in the motion itself: mass that has to be moved, air that has to be pushed aside."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from sim.vibration import Vibrations
+from sim.vibration import Vibrations, follow
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
@@ -14,9 +14,22 @@ _RATIOS = (0.02, 0.07, 0.2, 0.6)
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
 _BIT = 1e-4  # of a frequency, by which it is changed to see what follows
+_TUNED = np.arange(-1.5, 1.51, 0.05)  # log stiffness over mass, beside that of the scene, at which vibrations are tried
+_FAR = 3.0  # nats, that a stiffness is tried beyond the scene's at most
+_UNKNOWN = 3.0  # times as far where the scale of the forces, and so that of the stiffness, is not known
+_ANY = 30.0  # of the mass: what a share may be in such units
 
 Response = Callable[[Vibrations, np.ndarray, np.ndarray], np.ndarray]  # modes, u (T, N, 3), time -> coordinates (T, K)
-Ring = tuple[float, int]  # the damping ratio of the slowest vibration, the power of frequency it goes by
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ring:
+    """How an object rings: at its own stiffness, or in step with what is seen if it were `stiffer` [nats]."""
+
+    ratio: float  # damping ratio of the slowest vibration
+    power: int  # of frequency, by which the others' go
+    share: float = 1.0  # of the mass, with which that is so
+    stiffer: float = 0.0
 
 
 class Inertia(Cause):
@@ -29,25 +42,47 @@ class Inertia(Cause):
     name = "inertia"
     sentence = "Inertia matters at this speed: the object lags behind its load and rings after it."
     parameters = (Parameter(name="share", unit="of the mass", sd=1.0, positive=True),)
-    known = (1.0,)  # the object was weighed
     needs_mass = True
     over_time = "a motion"
 
+    def known(self, place: Ring) -> np.ndarray:
+        """The object was weighed."""
+        return np.array([place.share])
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """All of the mass; any number where forces, and so what moves the mass, are known up to scale only."""
+        return np.array([1.0 if scene.observation.force_scale_known else _ANY])
+
     def places(self, scene: Scene) -> Sequence[Ring]:
-        """Damping ratios of the slowest vibration, and how those of the others go with frequency."""
-        return [(ratio, power) for power in _LAWS for ratio in _RATIOS]
+        """Damping ratios of the slowest vibration, how those of the others go with frequency, and each in step.
+
+        A fit without inertia gets the stiffness wrong; a vibration that is out of step by half a period shows no way
+        to the right one.
+        """
+        here = [Ring(ratio=ratio, power=power) for power in _LAWS for ratio in _RATIOS]
+        return here + _in_step(scene, here)
 
     def near(self, scene: Scene, place: Ring) -> Sequence[Ring]:
         """Damping ratios in between."""
-        return [(place[0] * factor, place[1]) for factor in (0.5, 0.7, 1.4, 2.0)]
+        return [replace(place, ratio=place.ratio * factor) for factor in (0.5, 0.7, 1.4, 2.0)]
 
-    def plausible(self, theta: np.ndarray) -> bool:
+    def begin(self, place: Ring) -> tuple[Ring, float]:
+        """The object is made stiffer, and rings at its own stiffness."""
+        return replace(place, stiffer=0.0), place.stiffer
+
+    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
         """A mass that was weighed is not off by more than the linear vibrations may be."""
-        return bool(abs(theta[0] - 1) < 0.12)
+        return bool(abs(theta[0] - 1) < 0.12 if scene.observation.force_scale_known else theta[0] > 0)
 
     def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        return _behind(scene, scene.vibrations, _lag(theta[0], place))
+        if place.stiffer == 0:
+            return _behind(scene, scene.vibrations, _lag(theta[0], place))
+        modes, u, less = scene.vibrations, scene.y - scene.cloud.x, np.exp(-place.stiffer)
+        stiff = replace(modes, omega=modes.omega / np.sqrt(less))
+        lagging = modes.motion(_lag(theta[0], place)(stiff, less * u, scene.time))
+        added = theta[0] / place.share * (less - 1) * u + lagging
+        return Change(observe=lambda y, frames: y + added[frames])
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Ring) -> Carried:
         """The lag of the change, and what other frequencies do to the lag."""
@@ -55,8 +90,8 @@ class Inertia(Cause):
 
     def describe(self, scene: Scene, place: Ring) -> str:
         """The slowest vibration and its damping ratio, and how the others are damped."""
-        slowest = scene.vibrations.omega[0] / (2 * np.pi)
-        return f"with a slowest vibration of {slowest:.3g} Hz, damping ratio {place[0]:.2g}, {_LAWS[place[1]]}"
+        slowest = scene.vibrations.omega[0] * np.exp(place.stiffer / 2) / (2 * np.pi)
+        return f"with a slowest vibration of {slowest:.3g} Hz, damping ratio {place.ratio:.2g}, {_LAWS[place.power]}"
 
 
 class Damping(Cause):
@@ -84,10 +119,45 @@ class Damping(Cause):
 
 def _lag(share: float, place: Ring) -> Response:
     def response(modes: Vibrations, u: np.ndarray, time: np.ndarray) -> np.ndarray:
-        damping = place[0] * (modes.omega / modes.omega[0]) ** place[1]
-        return modes.lag(u, time, inertia=share, damping=damping)
+        return modes.lag(u, time, inertia=share, damping=_ratios(modes, place))
 
     return response
+
+
+def _ratios(modes: Vibrations, place: Ring) -> np.ndarray:
+    """The damping ratio of every vibration, (K,)."""
+    return place.ratio * (modes.omega / modes.omega[0]) ** place.power
+
+
+def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
+    """Each at the stiffness (and, where the scale of forces is free, the mass) that leaves least, to first order.
+
+    A stiffness of 1/kappa times the scene's moves all by kappa times as much, and what is left,
+    `|r + u - kappa (u + Phi q)|^2`, is a parabola in kappa for each frequency; known forces and masses tie the two.
+    """
+    modes, known = scene.vibrations, scene.observation.force_scale_known
+    seen = (scene.target.seen & scene.train[:, None]).astype(float)
+    u, r = scene.y - scene.cloud.x, scene.residual
+    shapes = modes.shapes.reshape(len(modes.omega), -1)
+    w = np.repeat(seen, 3, axis=1)
+    flat_u, flat_r = (v.reshape(len(w), -1) for v in (u, r))
+    gram = np.stack([(shapes * row) @ shapes.T for row in w])
+    along_u, along_both = (w * flat_u) @ shapes.T, (w * (flat_u + flat_r)) @ shapes.T
+    uu, both = (w * flat_u**2).sum(), (w * flat_u * (flat_u + flat_r)).sum()
+    tuned = _TUNED if known else _UNKNOWN * _TUNED
+    p = modes.coordinates(u)
+    found = []
+    for ring in rings:
+        omega = np.exp(tuned / 2)[:, None] * modes.omega
+        q = follow(omega.ravel(), np.tile(_ratios(modes, ring), len(tuned)), np.tile(p, len(tuned)), scene.time)
+        q = q.reshape(len(p), len(tuned), -1) - p[:, None]
+        slope = both + np.einsum("tck,tk->c", q, along_both)
+        curve = uu + 2 * np.einsum("tck,tk->c", q, along_u) + np.einsum("tck,tkl,tcl->c", q, gram, q, optimize=True)
+        kappa = np.exp(-tuned) if known else np.clip(slope / curve, *np.exp([-_FAR, _FAR]))
+        best = int(np.argmin(curve * kappa**2 - 2 * slope * kappa))
+        share = 1.0 if known else float(np.exp(-tuned[best]) / kappa[best])
+        found.append(replace(ring, share=share, stiffer=-float(np.log(kappa[best]))))
+    return [ring for ring in found if ring.stiffer != 0]
 
 
 def _delay(drag: float) -> Response:
