@@ -78,9 +78,10 @@ class SteadyWind(Cause):
         return Change(terms=(AppliedForce(force=scene.moving * theta[0] * facing),))
 
 
+@pytest.mark.parametrize("which", [0, -1])
 @pytest.mark.parametrize("cause", [*CATALOGUE, SteadyWind()], ids=lambda c: c.name)
-def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause, scene, basis):
-    place, widths = list(cause.places(scene))[-1], cause.widths(scene)
+def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause, which, scene, basis):
+    place, widths = list(cause.places(scene))[which], cause.widths(scene)
     zero = np.zeros(len(widths))
     assert np.abs(resolved(scene, cause, zero, place) - scene.y).max() < 1e-9
     directions = directions_of(cause, scene, place)

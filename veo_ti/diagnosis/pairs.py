@@ -7,8 +7,9 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import separating
+from veo_ti.diagnosis.leaders import Progress
 from veo_ti.diagnosis.model import Model
-from veo_ti.diagnosis.rounds import Progress, Round, look
+from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, either, named, stands
 
 _STARTS = 2  # causes that a second one is looked for beside

@@ -10,11 +10,12 @@ from sim.basis import Basis
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
+from veo_ti.diagnosis.leaders import WORTH, Progress, counted
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.rounds import WORTH, Progress, Round, counted, look
+from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.verdict import MISFIT, Candidate, Verdict, stands, unexplained
 from veo_ti.diagnosis.visible import Left

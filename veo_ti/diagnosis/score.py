@@ -10,7 +10,10 @@ from scipy.special import log_ndtr, logsumexp
 
 from sim.evidence import posterior
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.moments import Moments
+from veo_ti.diagnosis.columns import Direction, directions_of
+from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.moments import Moments, moments, moments_of
+from veo_ti.diagnosis.visible import least_visible
 
 _SURE = 4.3  # standard deviations: 3 for a false alarm in 700, 1.3 for nine in ten
 
@@ -146,3 +149,39 @@ def _at(statistics: Statistics, cause: Cause, widths: np.ndarray, columns: np.nd
     keep = float(np.sqrt(np.trace(V) / max(alone.sum(), 1e-300)))
     statistic = float(u @ np.linalg.pinv(V, hermitian=True) @ u)
     return float(log_bayes), widths * mean, widths * np.sqrt(np.diagonal(covariance)), statistic, keep
+
+
+def scores_of(
+    current: Refit, model: Model, floor: float, modes: np.ndarray, tries: Sequence[tuple[Cause, Sequence[Any]]]
+) -> tuple[Statistics, tuple[Score, ...]]:
+    """The score at a state of every cause over its places, best first."""
+    scene = current.scene
+    directions: list[Direction] = []
+    table = []
+    for cause, places in tries:
+        columns = []
+        for place in places:
+            made = directions_of(cause, scene, place)
+            columns.append(range(len(directions), len(directions) + len(made)))
+            directions += made
+        table.append((cause, places, np.array(columns)))
+    K = model.basis.log_mu.shape[1]
+    found = moments(
+        scene, model.basis, current.around[:K], model.extra, directions,
+        residual=scene.target.residual(current.simulated), modes=modes,
+    )  # fmt: skip
+    statistics = Statistics(moments=found, s2=model.s2, prior=current.prior)
+    least = least_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
+    scores = [
+        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)
+        for cause, places, columns in table
+    ]
+    return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
+
+
+def statistics_of(result: Refit, model: Model, modes: np.ndarray) -> Statistics:
+    """The nuisances and the smooth modes against what a refit leaves, with its own fingerprints."""
+    taken, K = result.taken_in(), model.basis.log_mu.shape[1]
+    residual = taken.scene.target.residual(taken.simulated) * taken.scene.train[:, None, None]
+    found = moments_of(result.kept, result.around[:K], len(model.extra), residual, taken.scene.target.seen, modes)
+    return Statistics(moments=found, s2=model.s2, prior=taken.prior)

@@ -11,12 +11,14 @@ from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
+_RINGS = 0.9  # damping ratio below which an object does
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
 _BIT = 1e-4  # of a frequency, by which it is changed to see what follows
-_TUNED = np.arange(-1.5, 1.51, 0.05)  # log stiffness over mass, beside that of the scene, at which vibrations are tried
+_TUNED = 0.05 * np.arange(-30, 31)  # log stiffness over mass, beside that of the scene, at which vibrations are tried
 _FAR = 3.0  # nats, that a stiffness is tried beyond the scene's at most
 _UNKNOWN = 3.0  # times as far where the scale of the forces, and so that of the stiffness, is not known
+_WEIGHED = 0.2  # of the mass, that the linear vibrations of a large motion may be off by
 _ANY = 30.0  # of the mass: what a share may be in such units
 
 Response = Callable[[Vibrations, np.ndarray, np.ndarray], np.ndarray]  # modes, u (T, N, 3), time -> coordinates (T, K)
@@ -63,8 +65,9 @@ class Inertia(Cause):
         return here + _in_step(scene, here)
 
     def near(self, scene: Scene, place: Ring) -> Sequence[Ring]:
-        """Damping ratios in between."""
-        return [replace(place, ratio=place.ratio * factor) for factor in (0.5, 0.7, 1.4, 2.0)]
+        """Damping ratios in between; what does not ring is damping."""
+        ratios = (place.ratio * factor for factor in (0.5, 0.7, 1.4, 2.0))
+        return [replace(place, ratio=ratio) for ratio in ratios if ratio < _RINGS]
 
     def begin(self, place: Ring) -> tuple[Ring, float]:
         """The object is made stiffer, and rings at its own stiffness."""
@@ -72,7 +75,7 @@ class Inertia(Cause):
 
     def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
         """A mass that was weighed is not off by more than the linear vibrations may be."""
-        return bool(abs(theta[0] - 1) < 0.12 if scene.observation.force_scale_known else theta[0] > 0)
+        return bool(abs(theta[0] - 1) < _WEIGHED if scene.observation.force_scale_known else theta[0] > 0)
 
     def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
@@ -130,34 +133,49 @@ def _ratios(modes: Vibrations, place: Ring) -> np.ndarray:
 
 
 def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
-    """Each at the stiffness (and, where the scale of forces is free, the mass) that leaves least, to first order.
-
-    A stiffness of 1/kappa times the scene's moves all by kappa times as much, and what is left,
-    `|r + u - kappa (u + Phi q)|^2`, is a parabola in kappa for each frequency; known forces and masses tie the two.
-    """
-    modes, known = scene.vibrations, scene.observation.force_scale_known
-    seen = (scene.target.seen & scene.train[:, None]).astype(float)
-    u, r = scene.y - scene.cloud.x, scene.residual
-    shapes = modes.shapes.reshape(len(modes.omega), -1)
-    w = np.repeat(seen, 3, axis=1)
-    flat_u, flat_r = (v.reshape(len(w), -1) for v in (u, r))
-    gram = np.stack([(shapes * row) @ shapes.T for row in w])
-    along_u, along_both = (w * flat_u) @ shapes.T, (w * (flat_u + flat_r)) @ shapes.T
-    uu, both = (w * flat_u**2).sum(), (w * flat_u * (flat_u + flat_r)).sum()
+    """Each at the stiffness (and, where the scale of forces is free, the mass) that leaves least, to first order."""
+    modes, known, seen = scene.vibrations, scene.observation.force_scale_known, _Seen.of(scene)
     tuned = _TUNED if known else _UNKNOWN * _TUNED
-    p = modes.coordinates(u)
+    omega, p = np.exp(tuned / 2)[:, None] * modes.omega, modes.coordinates(scene.y - scene.cloud.x)
     found = []
     for ring in rings:
-        omega = np.exp(tuned / 2)[:, None] * modes.omega
-        q = follow(omega.ravel(), np.tile(_ratios(modes, ring), len(tuned)), np.tile(p, len(tuned)), scene.time)
-        q = q.reshape(len(p), len(tuned), -1) - p[:, None]
-        slope = both + np.einsum("tck,tk->c", q, along_both)
-        curve = uu + 2 * np.einsum("tck,tk->c", q, along_u) + np.einsum("tck,tkl,tcl->c", q, gram, q, optimize=True)
-        kappa = np.exp(-tuned) if known else np.clip(slope / curve, *np.exp([-_FAR, _FAR]))
+        x = follow(omega.ravel(), np.tile(_ratios(modes, ring), len(tuned)), np.tile(p, len(tuned)), scene.time)
+        slope, curve = seen.parabola(x.reshape(len(p), *omega.shape) - p[:, None])
+        kappa = np.exp(-tuned) if known else np.clip(slope / curve, np.exp(-_FAR), np.exp(_FAR))
         best = int(np.argmin(curve * kappa**2 - 2 * slope * kappa))
         share = 1.0 if known else float(np.exp(-tuned[best]) / kappa[best])
         found.append(replace(ring, share=share, stiffer=-float(np.log(kappa[best]))))
     return [ring for ring in found if ring.stiffer != 0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """What an object of 1/kappa times the stiffness leaves: `|r + u - kappa (u + Phi q)|^2` over all that was seen.
+
+    It moves kappa times as much, u, and lags kappa times as far behind in its vibrations' coordinates, q (T, K).
+    """
+
+    gram: np.ndarray  # Phi^T Phi, (T, K, K)
+    slow: np.ndarray  # Phi^T u, (T, K)
+    whole: np.ndarray  # Phi^T (u + r), (T, K)
+    slow_slow: float
+    slow_whole: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> "_Seen":
+        """From the frames that train."""
+        seen = np.repeat(scene.target.seen & scene.train[:, None], 3, axis=1)
+        u, r = (seen * v.reshape(len(seen), -1) for v in (scene.y - scene.cloud.x, scene.residual))
+        shapes = scene.vibrations.shapes.reshape(len(scene.vibrations.omega), -1)
+        gram = np.stack([(shapes * row) @ shapes.T for row in seen])
+        return cls(gram=gram, slow=u @ shapes.T, whole=(u + r) @ shapes.T, slow_slow=(u**2).sum(),
+                   slow_whole=(u * (u + r)).sum())  # fmt: skip
+
+    def parabola(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """B and A (C,) of `A kappa^2 - 2 B kappa + const` for each of q (T, C, K)."""
+        curve = np.einsum("tck,tkl,tcl->c", q, self.gram, q, optimize=True)
+        curve += self.slow_slow + 2 * np.einsum("tck,tk->c", q, self.slow)
+        return self.slow_whole + np.einsum("tck,tk->c", q, self.whole), curve
 
 
 def _delay(drag: float) -> Response:

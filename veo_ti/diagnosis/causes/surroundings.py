@@ -1,6 +1,7 @@
 """Causes around the object: what it bumps into, what it stands on, and the weight that its reference pose carries."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,50 +16,103 @@ from veo_ti.diagnosis.scene import Scene
 
 _GAPS = (0.3, 0.6)  # of the farthest that the spot goes
 _REACH = 4.0  # spacings around a spot within which a wall is felt
+_PATCH, _GIVES = 2.0, 0.05  # spacings around, and share of the motion, that a hard wall is pressed over and in by
+_FACES = (0.5, 0.75, 0.95)  # of the farthest that any point was seen to go, where a wide wall begins
+_WAYS, _APART = 8, np.cos(np.deg2rad(25))  # directions into wide walls at most, and the cosine between them
+_TURN = np.deg2rad(12)  # of a wide wall in a closer look
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall:
+    """A half space in the way: behind a gap [m] before a spot and felt around it, or wide, before all of the object."""
+
+    spot: int
+    way: tuple[float, float, float]  # unit, in which the object runs into it
+    gap: float
+    wide: bool = False
+
+    def face(self, x: np.ndarray) -> np.ndarray:
+        """A point of it."""
+        along = x @ np.array(self.way)
+        return (self.gap + (along.max() if self.wide else along[self.spot])) * np.array(self.way)
+
+    def turned(self, angle: float) -> "list[Wall]":
+        """Walls like it that lean to four sides."""
+        n = np.array(self.way)
+        side = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+        side /= np.linalg.norm(side)
+        ways = [np.cos(angle) * n + s * np.sin(angle) * e for e in (side, np.cross(n, side)) for s in (1, -1)]
+        return [replace(self, way=tuple(w.tolist())) for w in ways]
 
 
 class HiddenContact(Cause):
-    """E_c = sum V_i alpha min(0, d_i)^2 for a wall near a spot, across its largest motion."""
+    """E_c = sum V_i alpha min(0, d_i)^2 for a wall that is felt near a spot, or for a wide one."""
 
     name = "hidden_contact"
     sentence = "The object runs into something that nobody modelled."
     parameters = (Parameter(name="stiffness", unit="Pa/m2", sd=1.0, positive=True),)
 
-    def places(self, scene: Scene) -> Sequence[tuple[int, float]]:
-        """Spots over the free surface, each with walls at some gaps [m] in the way of its largest motion."""
+    def places(self, scene: Scene) -> Sequence[Wall]:
+        """Spots over the free surface with walls across their largest motion; wide walls about where motion was seen
+        to end."""
         u = np.linalg.norm(scene.y - scene.cloud.x, axis=2)
         farthest = u.max(axis=0)
-        spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()]
-        return [(s, share * float(farthest[s])) for s in spots for share in _GAPS] or [(int(farthest.argmax()), 0.0)]
+        spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()] or [int(farthest.argmax())]
+        ways = {s: _way(scene, s) for s in sorted(spots, key=lambda s: -farthest[s])}
+        small = [Wall(spot=s, way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS]
+        return small + [wall for way in _distinct(list(ways.values())) for wall in _wide(scene, way)]
 
-    def near(self, scene: Scene, place: tuple[int, float]) -> Sequence[tuple[int, float]]:
-        """Nearer and farther walls, there and at some spots around."""
-        gaps = [share * place[1] for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
-        return [(int(s), gap) for s in (place[0], *scene.spots_near(place[0], 4)) for gap in gaps]
+    def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
+        """Nearer and farther walls, there and at some spots around, or leaning a little."""
+        gaps = [share * place.gap for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
+        if place.wide:
+            return [replace(w, gap=gap) for w in (place, *place.turned(_TURN)) for gap in gaps]
+        spots = (place.spot, *map(int, scene.spots_near(place.spot, 4)))
+        return [Wall(spot=s, way=_way(scene, s), gap=gap) for s in spots for gap in gaps]
 
     def widths(self, scene: Scene) -> np.ndarray:
-        """A wall about as stiff as the object: pressed in by the largest motion it bears the largest load."""
-        volume = min(2 / 3 * np.pi * (_REACH * scene.cloud.spacing) ** 3, float(scene.cloud.volume.sum()))
+        """A hard wall: it bears the largest load, pressed in by a twentieth of the largest motion in a small patch."""
+        volume = min(2 / 3 * np.pi * (_PATCH * scene.cloud.spacing) ** 3, float(scene.cloud.volume.sum()))
         farthest = float(np.linalg.norm(scene.y - scene.cloud.x, axis=2).max())
-        return np.array([scene.largest_force / (2 * volume * max(farthest, 1e-300))])
+        return np.array([scene.largest_force / (2 * volume * _GIVES * max(farthest, 1e-300))])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: tuple[int, float]) -> Change:
-        """A half space felt by the points around the spot that are outside of it at rest."""
+    def change(self, scene: Scene, theta: np.ndarray, place: Wall) -> Change:
+        """Felt by the points that are outside of it at rest."""
         if theta[0] <= 0:
             return Change()
-        spot, gap = place
-        x, u = scene.cloud.x, scene.y[:, spot] - scene.cloud.x[spot]
-        way = u[np.linalg.norm(u, axis=1).argmax()]
-        n = way / max(float(np.linalg.norm(way)), 1e-300)
-        wall = x[spot] + gap * n
-        near = np.linalg.norm(x - x[spot], axis=1) < _REACH * scene.cloud.spacing
-        near &= (x - wall) @ n < 0
-        volume = near * scene.cloud.volume
-        return Change(terms=(Contact(shape=Plane(normal=-n), volume=volume, alpha=float(theta[0]), position=wall),))
+        x, n, face = scene.cloud.x, np.array(place.way), place.face(scene.cloud.x)
+        near = place.wide | (np.linalg.norm(x - x[place.spot], axis=1) < _REACH * scene.cloud.spacing)
+        volume = (near & ((x - face) @ n < 0)) * scene.cloud.volume
+        return Change(terms=(Contact(shape=Plane(normal=-n), volume=volume, alpha=float(theta[0]), position=face),))
 
-    def describe(self, scene: Scene, place: tuple[int, float]) -> str:
+    def describe(self, scene: Scene, place: Wall) -> str:
         """Where, and how far away."""
-        return f"{at_spot(scene, place[0])}, {1e3 * place[1]:.1f} mm away"
+        return f"{at_spot(scene, place.spot)}, {1e3 * place.gap:.1f} mm away"
+
+
+def _way(scene: Scene, spot: int) -> tuple[float, float, float]:
+    """Of a spot's largest motion."""
+    u = scene.y[:, spot] - scene.cloud.x[spot]
+    way = u[np.linalg.norm(u, axis=1).argmax()]
+    return tuple((way / max(float(np.linalg.norm(way)), 1e-300)).tolist())
+
+
+def _distinct(ways: Sequence[tuple[float, float, float]]) -> list[tuple[float, float, float]]:
+    """The first of those that lie close together."""
+    kept: list[tuple[float, float, float]] = []
+    for way in ways:
+        if all(np.dot(way, other) < _APART for other in kept) and len(kept) < _WAYS:
+            kept.append(way)
+    return kept
+
+
+def _wide(scene: Scene, way: tuple[float, float, float]) -> list[Wall]:
+    """Walls across a way, before the farthest that any point was seen to go."""
+    n = np.array(way)
+    along = (scene.y + scene.residual)[scene.train] @ n
+    frame, spot = np.unravel_index(along.argmax(), along.shape)
+    beyond = float(along[frame, spot] - (scene.cloud.x @ n).max())
+    return [Wall(spot=int(spot), way=way, gap=share * beyond, wide=True) for share in _FACES] if beyond > 0 else []
 
 
 class SupportCompliance(Cause):

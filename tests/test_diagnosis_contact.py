@@ -1,0 +1,58 @@
+"""Where walls are looked for that nobody modelled: against a motion that one has stopped."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sim_cases
+
+from sim.elastic import Elastic
+from sim.energy import Energy
+from sim.lame import Lame
+from sim.newton import equilibrate
+from sim.terms.contact import Contact
+from sim.terms.loads import AppliedForce
+from sim.terms.shapes import Plane
+from veo_ti.diagnosis.causes.surroundings import HiddenContact, Wall
+
+WAY, FRAMES = np.array([0.0, 0.6, 0.8]), 7
+
+
+@pytest.fixture(scope="module")
+def stopped() -> SimpleNamespace:
+    """A box whose end is pushed along a way, seen with a hard wall across it, simulated without."""
+    cloud = sim_cases.cloud()
+    force = np.zeros((FRAMES, cloud.count, 3))
+    force[:, cloud.x[:, 0] > 0.9] = 4e-4 * np.linspace(0, 1, FRAMES)[:, None, None] * WAY
+    elastic, fixed = Elastic.neo_hookean(cloud, Lame(mu=1.0, lam=2.0)), cloud.x[:, 0] < 1e-9
+    rest = np.repeat(cloud.x[None], FRAMES, axis=0)
+    free = equilibrate(Energy.of(elastic, [AppliedForce(force=force)], fixed), rest).require_converged().y
+    beyond = 0.4 * ((free @ WAY).max() - (cloud.x @ WAY).max())
+    face = ((cloud.x @ WAY).max() + beyond) * WAY
+    wall = Contact(shape=Plane(normal=-WAY), volume=cloud.volume, alpha=2e3, position=face)
+    seen = equilibrate(Energy.of(elastic, [AppliedForce(force=force), wall], fixed), rest).require_converged().y
+    return SimpleNamespace(
+        cloud=cloud, y=free, residual=seen - free, train=np.ones(FRAMES, bool), beyond=beyond,
+        spots=lambda: np.flatnonzero(cloud.surface & ~fixed)[::3],
+    )  # fmt: skip
+
+
+def test_a_wide_wall_is_tried_where_the_object_was_stopped(stopped):
+    wide = [w for w in HiddenContact().places(stopped) if w.wide]
+    best = min(wide, key=lambda w: abs(w.gap - stopped.beyond) - stopped.beyond * np.dot(w.way, WAY))
+    assert np.dot(best.way, WAY) > np.cos(np.deg2rad(20))
+    assert best.gap == pytest.approx(stopped.beyond, rel=0.25)
+    assert len({w.way for w in wide}) == len(wide) / 3  # no direction twice
+
+
+def test_walls_push_nothing_at_rest(stopped):
+    for wall in HiddenContact().places(stopped):
+        (term,) = HiddenContact().change(stopped, np.ones(1), wall).terms
+        assert not term.gradient(stopped.cloud.x[None]).any()
+
+
+def test_a_leaning_wall_leans_by_the_angle():
+    wall = Wall(spot=0, way=tuple(WAY), gap=1.0, wide=True)
+    leaning = wall.turned(0.2)
+    assert [np.dot(w.way, WAY) for w in leaning] == pytest.approx([np.cos(0.2)] * 4)
+    assert np.abs(sum(np.array(w.way) for w in leaning) / 4 - np.cos(0.2) * WAY).max() < 1e-12
