@@ -64,6 +64,15 @@ def test_only_the_native_file_keeps_what_the_npz_format_lacks(tmp_path):
         o.save(tmp_path / "a.npz")
 
 
+def test_the_npz_format_may_say_that_forces_are_known_to_scale_only(tmp_path):
+    for known in (True, False):
+        path = Observation(**measured(), force_scale_known=known).save(tmp_path / f"{known}.npz")
+        assert Observation.load(path).force_scale_known is known
+        assert ("force_scale_known" in np.load(path)) is not known  # silence means known, as in files of others
+    with pytest.raises(ValueError, match="force_scale_known must have shape"):
+        Observation(**measured(), force_scale_known=np.ones(2, bool))
+
+
 def test_forces_may_come_from_the_jet_alone(tmp_path):
     keys = measured() | jet_keys()
     del keys["forces"]

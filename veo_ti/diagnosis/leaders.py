@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sim.evidence import design_effect
+from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
@@ -94,15 +96,22 @@ def _narrowed(
 
 def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
     say(f"refit with {found.name}")
-    start, shift, theta = current.coefficients, found.nuisances - current.coefficients, found.theta
-    place, stiffer = found.cause.begin(found.place)
-    if stiffer:  # too far for the first order
-        start, shift, theta = model.basis.stiffer(start, stiffer), None, found.cause.known(found.place)
+    here = current.coefficients
+    place, start, far = _begun(found.cause, found.place, here, model)
     if current.cause is not None:
-        both, theta = Beside(current.cause, found.cause), theta if stiffer else np.zeros(len(theta))
-        theta = np.concatenate([current.theta, theta])
+        both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
+        theta = np.concatenate([current.theta, own])
         return refit(current.without, model, start, cause=both, place=(current.place, place), theta=theta)
+    theta, shift = (found.theta, found.nuisances - here) if far is None else (far, None)
     return refit(current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift)
+
+
+def _begun(
+    cause: Cause, place: Any, coefficients: np.ndarray, model: Model
+) -> tuple[Any, np.ndarray, np.ndarray | None]:
+    """Where a fit at a place begins: place, coefficients, and theta where that is too far for the first order."""
+    at, stiffer = cause.begin(place)
+    return at, model.basis.stiffer(coefficients, stiffer), cause.known(place) if stiffer else None
 
 
 def _placed(result: Refit, model: Model, say: Progress) -> Refit:
@@ -112,10 +121,8 @@ def _placed(result: Refit, model: Model, say: Progress) -> Refit:
         if place is result.place:  # places may be arrays
             break
         say(f"{cause.name} at a better place")
-        at, stiffer = cause.begin(place)
-        theta = cause.known(place) if stiffer else result.theta
-        start = model.basis.stiffer(result.coefficients, stiffer)
-        result = refit(result.without, model, start, cause=cause, place=at, theta=theta)
+        at, start, far = _begun(cause, place, result.coefficients, model)
+        result = refit(result.without, model, start, cause=cause, place=at, theta=result.theta if far is None else far)
     return result
 
 
