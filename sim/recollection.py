@@ -128,7 +128,7 @@ class PassingDamage:
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        weight = -what.share * (1 - what.D[frame]) / what.scale * load
+        weight = -what.share * (1 - what.D[frame]) ** 2 / what.scale * load
         return -what.lost(weight).gradient(np.repeat(what.y[frame : frame + 1], len(weight), axis=0))
 
 

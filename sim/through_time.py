@@ -11,8 +11,8 @@ from sim.multifrontal import Cholesky
 from sim.newton import Equilibrium, NewtonOptions, Status
 from sim.sensitivity import Past, answers_in_turn
 
-_KEEPS = 0.2  # of the residual, more than which a step may not leave if the factors are to serve again
-_FELL = 0.9  # of the residual, more than which a step may not leave to be taken
+_KEEPS = 0.2  # of the way, more than which a step may not leave to go if the factors are to serve again
+_FELL = 0.25  # of a step's share of the way, by which what is left to go has to fall for the step to be taken
 _HALVES = 4  # of a step, before there is none
 _OPEN = 0.05  # of the smallest J of each frame, that a step must leave
 
@@ -35,11 +35,12 @@ def settle(
     """The motion that is in equilibrium with what it lets itself remember, from `start` (T, N, 3) [m].
 
     `remembered` gives the energy at a motion, with what is remembered of it, and how frames pass on their changes. A
-    step solves the block triangular system of all frames in turn, and none is made after one of root mean square below
-    `still` [m]. Factors, of a motion nearby, serve until a step with them leaves too much, and more than one with fresh
-    ones did (some of what is remembered may not be told). Where no step along the direction leaves less, or a tangent
-    is not positive definite (what it leads to may be no minimum), the motion so far is returned, and the status of its
-    frames says so.
+    step solves the block triangular system of all frames in turn. It is taken if what is left to go by the same factors
+    falls (Deuflhard's natural monotonicity test, Newton Methods for Nonlinear Problems, 3.3): forces may well rise on
+    the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
+    serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
+    not be told). Where no step along the direction leaves less, or a tangent is not positive definite (what it leads to
+    may be no minimum), the motion so far is returned, and the status of its frames says so.
     """
     options = options or NewtonOptions()
     here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
@@ -49,17 +50,15 @@ def settle(
             if not all(isinstance(f, Cholesky) for f in factors.factors):
                 ending = Status.LINE_SEARCH
                 break
-        right = -here.gradient[:, None]
-        direction = np.concatenate(list(answers_in_turn(here.energy, factors, right, here.pasts())))
-        there = _searched(remembered, here, direction, _HALVES if fresh else 1)
+        direction = here.way(factors, here.gradient)
+        there, left = _searched(remembered, here, factors, direction, _HALVES if fresh else 1)
         steps += 1
-        if np.sqrt((direction**2).mean()) < still:
+        if _size(direction) < still:
             here, ending = there or here, Status.CONVERGED
             break
         if there is None and fresh:
             ending = Status.LINE_SEARCH
             break
-        left = np.inf if there is None else there.size / here.size
         if fresh:
             expected = max(left, _KEEPS)
         elif left > expected:
@@ -72,16 +71,24 @@ def settle(
     return Settled(equilibrium=equilibrium, energy=here.energy, factors=factors)
 
 
-def _searched(remembered: Remembered, here: "_State", direction: np.ndarray, tries: int) -> "_State | None":
-    """The first of ever shorter steps that leaves less; None where none does."""
-    least = _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0)
+def _searched(
+    remembered: Remembered, here: "_State", factors: DirectFactors, direction: np.ndarray, tries: int
+) -> tuple["_State | None", float]:
+    """The first of ever shorter steps that leaves less to go, and the share of the way that it leaves; else None."""
+    least, whole = _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0), max(_size(direction), 1e-300)
     for k in range(tries):
         y = here.y + 0.5**k * direction
         if (_smallest(here.energy, y) > least).all():
             there = _State.at(remembered, y)
-            if there.size < _FELL * here.size:
-                return there
-    return None
+            left = _size(here.way(factors, there.gradient)) / whole
+            if left < 1 - _FELL * 0.5**k:
+                return there, left
+    return None, np.inf
+
+
+def _size(way: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt((way**2).mean()))
 
 
 def _smallest(energy: Energy, y: np.ndarray) -> np.ndarray:
@@ -104,7 +111,6 @@ class _State:
         residual = np.linalg.norm(gradient, axis=(1, 2)) / energy.scale(y)
         return cls(y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual)
 
-    @property
-    def size(self) -> float:
-        """Of the residuals of all frames together."""
-        return float(np.linalg.norm(self.residual))
+    def way(self, factors: DirectFactors, gradient: np.ndarray) -> np.ndarray:
+        """Newton's step from a gradient (T, N, 3) [N], by the slopes of this state, (T, N, 3) [m]."""
+        return np.concatenate(list(answers_in_turn(self.energy, factors, -gradient[:, None], self.pasts())))

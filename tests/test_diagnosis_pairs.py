@@ -83,12 +83,12 @@ def test_two_that_explain_together_what_none_explains_alone_are_named(filmed, mo
     assert after.excess < 1e-3 * before.excess
 
 
-def pair(first: str, second: str, evidence: float, short: float = 0.0) -> pairs._Pair:
+def pair(first: str, second: str, evidence: float, short: float = 0.0, leaves: float = 0.002) -> pairs._Pair:
     def candidate(name: str) -> Candidate:
         told = SimpleNamespace(cause=SimpleNamespace(name=name, sentence=name), evidence=lambda s2: evidence)
         told.tuned, told.short, told.converged = lambda *_: told, short, not short
-        left = Misfit(energy=3.0, mean=0.0, sd=1.0)
-        return Candidate(refit=told, gained=100, predicted=100, misfit=left, explained=0.95, settled=True,
+        left = Misfit(energy=1500 * leaves, mean=0.0, sd=1.0)
+        return Candidate(refit=told, gained=100, predicted=100, misfit=left, explained=1 - leaves**0.5, settled=True,
                          plausible=True)  # fmt: skip
 
     found = SimpleNamespace(s2=1.0)
@@ -103,8 +103,9 @@ def test_a_pair_is_alone_only_where_no_other_comes_near():
     assert pairs._near([]) == []
     promising = pair("a", "b", 200, short=60)
     assert pairs._near([promising, far]) == [promising]  # without what it only promises it is still far ahead
-    unsure = pair("a", "b", 200, short=80)
+    unsure = pair("a", "b", 200, short=90)
     assert pairs._near([unsure, far]) == [unsure, far]
+    assert pairs._near([best, pair("a", "c", 190, leaves=0.02)]) == [best]  # it leaves what the best one explains
 
 
 def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811

@@ -34,10 +34,20 @@ def test_motion_is_the_one_that_its_own_history_leads_to(cause, scene, model):  
     assert np.abs(found.scene.y - scene.y).max() > NOISE  # it does something
 
 
-def test_no_fit_takes_all_of_a_material_away():
+def test_no_step_takes_all_of_a_material_away():
     both = Beside(StiffnessDrift(), Softening())
-    assert both.bounded(np.array([7.0, 3.0])) == pytest.approx([7.0, 0.95])
-    assert both.bounded(np.array([-7.0, 0.3])) == pytest.approx([-7.0, 0.3])
+    far = both.stepped(np.zeros(2), np.array([7.0, 3.0]))
+    assert far == pytest.approx([7.0, 1 - np.exp(-2.0)])
+    assert both.stepped(far, np.array([0.0, 5.0]))[1] < 1
+
+
+def test_a_share_and_the_stiffness_that_gives_it_back_are_straight_against_each_other():
+    """log(1 - d) moves by what the slope at the start says, however long the step; a short step is the slope itself."""
+    cause, start, step = Softening(), np.array([0.4]), np.array([0.3])
+    after = cause.stepped(start, step)
+    assert np.log1p(-after) - np.log1p(-start) == pytest.approx(-step / (1 - start))
+    assert cause.stepped(start, 1e-6 * step) - start == pytest.approx(1e-6 * step, rel=1e-5)
+    assert np.isfinite(cause.stepped(start, np.array([-1e3]))).all()
 
 
 @pytest.mark.parametrize("cause", [make() for make in STRONG], ids=lambda c: c.name)
@@ -65,25 +75,28 @@ def test_columns_are_slopes_of_the_motion_with_its_history(cause, scene, model, 
             assert np.linalg.norm(X[k] - expected) <= 0.01 * np.linalg.norm(expected)
 
 
-def test_the_next_step_begins_with_twice_what_had_an_equilibrium(monkeypatch):
-    """Beyond 0.15 there is none; the costs fall all the way there."""
+def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch):
+    """Beyond 0.15 there is none; the costs fall all the way there. Damping d shortens a step to 1 / (1 + d)."""
     tried: list[float] = []
 
     def fake(*given):
         tried.append(float(given[6][0]))
         return SimpleNamespace(coefficients=given[6])
 
+    def cost(trial, *_):
+        return np.inf if trial.coefficients[0] > 0.15 else -trial.coefficients[0]
+
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
-    monkeypatch.setattr(
-        "veo_ti.diagnosis.refit._cost", lambda trial, *_: np.inf if trial.coefficients[0] > 0.15 else -tried[-1]
-    )
+    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", cost)
     here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(1), theta=np.zeros(0))
-    one = SimpleNamespace(basis=SimpleNamespace(log_mu=np.ones((1, 1))))
+    one, unit = SimpleNamespace(basis=SimpleNamespace(log_mu=np.ones((1, 1)))), np.eye(1)
 
-    def lower(reach: float) -> float:
-        return _lower(here, 0.0, 1.0, None, one, None, None, None, np.ones(1), np.ones(1), reach)[1]
+    def lower(damping: float) -> tuple[float, float]:
+        return _lower(here, 0.0, None, one, None, None, None, np.ones(1), unit, np.ones(1), damping, 5)[1:]
 
-    assert lower(lower(1.0)) == pytest.approx(0.04)
-    assert tried == pytest.approx([1.0, 0.1, 0.2, 0.02])
-    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda trial, *_: -tried[-1])
-    assert lower(1.0) == 1.0  # as long as there always is one
+    promised, damping = lower(0.0)
+    assert tried == pytest.approx([1.0, 1 / 1.1, 1 / 2, 1 / 11])
+    assert promised == pytest.approx(1 / 11 * (1 - 1 / 22)) and damping == 10.0
+    assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
+    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda trial, *_: -trial.coefficients[0])
+    assert lower(0.0) == pytest.approx((0.5, 0.0))  # Newton's own step, as long as there always is one

@@ -118,7 +118,7 @@ def test_damage_is_that_of_the_largest_load_so_far():
     invariant = s**2 + 2 / s - 3
     largest = np.array([invariant[: t + 1].max() for t in range(len(s))])
     got = damage(stretched(s), 0.5)
-    np.testing.assert_allclose(got[:, 0], 1 - np.exp(-largest / 0.5), atol=1e-14)
+    np.testing.assert_allclose(got[:, 0], 1 - 1 / (1 + largest / 0.5), atol=1e-14)
     np.testing.assert_allclose(got[:, 1], 0.0, atol=1e-14)
 
 
@@ -128,6 +128,14 @@ def test_damage_grows_and_stays_below_one():
     assert D.shape == (20, 7)
     assert (np.diff(D, axis=0) >= 0).all()
     assert 0 <= D.min() <= D.max() < 1
+
+
+@pytest.mark.parametrize(("share", "rises"), [(0.88, True), (0.9, False)])
+def test_stress_of_a_damaged_material_rises_up_to_eight_ninths(share, rises):
+    strain = np.linspace(0.0, 5e-3, 500)[1:]
+    F = np.eye(3) + strain[:, None, None, None] * pattern(3)[:1]
+    stress = (1 - share * damage(F, 1e-6)[:, 0]) * strain
+    assert (np.diff(stress) > 0).all() == rises
 
 
 def test_damage_refuses_what_is_inside_out_or_has_no_scale():

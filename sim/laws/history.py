@@ -75,13 +75,15 @@ def largest(E: np.ndarray) -> Memory:
 
 
 def damage(F: np.ndarray, scale: float) -> np.ndarray:
-    """Mullins variable `D_t = 1 - exp(-max_{s<=t} I_s / scale)` in [0, 1), (T, ...), of a trajectory F (T, ..., 3, 3).
+    """Mullins variable `D_t = I / (I + scale)`, I the largest I_s up to t, of a trajectory F (T, ..., 3, 3), (T, ...).
 
-    I = I_c - 3 - 2 ln J is the invariant of `sim.laws.extra`; at I = scale two thirds of the damage are done. Raises
-    ValueError when scale is not positive or an F is inside out.
+    I = I_c - 3 - 2 ln J is the invariant of `sim.laws.extra`; at I = scale half the damage is done. A stress (1 - d D)
+    of the elastic one, I in proportion to the square of the strain, never falls while the strain grows as long as
+    d < 8/9, and a loaded body keeps an equilibrium (d < 0.69 with the usual `1 - exp(-I / scale)`). Raises ValueError
+    when scale is not positive or an F is inside out.
     """
     require(scale > 0, "scale", "be positive", scale)
     J = np.linalg.det(F)
     require(bool((J > 0).all()), "F", "have J > 0 everywhere", J.min())
-    invariant = (F**2).sum(axis=(-2, -1)) - 3 - 2 * np.log(J)
-    return -np.expm1(-np.maximum.accumulate(np.maximum(invariant, 0.0), axis=0) / scale)
+    invariant = np.maximum.accumulate(np.maximum((F**2).sum(axis=(-2, -1)) - 3 - 2 * np.log(J), 0.0), axis=0)
+    return invariant / (invariant + scale)

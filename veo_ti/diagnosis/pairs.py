@@ -10,7 +10,7 @@ from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.leaders import Progress
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Round, look
-from veo_ti.diagnosis.verdict import APART, APART_SHARE, BETTER, EXPLAINED, Candidate, either, named, stands
+from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, Candidate, either, explained_by, named, rivals, stands
 
 _STARTS = 2  # causes that a second one is looked for beside
 
@@ -68,11 +68,11 @@ def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Prog
     """The cause that all pairs have in common, and those that could each stand beside it."""
     say("what would tell them apart")
     best, joint = near[0], near[0].second.refit
-    rivals = [p.part(other) for p in near for other in p.names - {name}]
-    experiment = separating(joint.taken_in(), rivals[0].refit, rivals[1].refit, best.model, best.found.s2)
+    others = [p.part(other) for p in near for other in p.names - {name}]
+    experiment = separating(joint.taken_in(), others[0].refit, others[1].refit, best.model, best.found.s2)
     return (
         replace(alone, verdict=named(best.part(name)), extended=joint),
-        replace(best.found, verdict=either(rivals), extended=joint, experiment=experiment),
+        replace(best.found, verdict=either(others), extended=joint, experiment=experiment),
     )
 
 
@@ -91,11 +91,16 @@ def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
         return []
     s2 = min(p.found.s2 for p in pairs)
     worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}
-    sure = {id(p): worth[id(p)] - p.second.promised for p in pairs}
-    best, *others = sorted(pairs, key=lambda p: -sure[id(p)])
-    margin = max(APART, APART_SHARE * (best.first.gained + best.second.gained))
-    near = {best.names: best}
+    best, *others = sorted(pairs, key=lambda p: p.second.promised - worth[id(p)])
+    gained = best.first.gained + best.second.gained
+
+    def joint(p: _Pair) -> Candidate:
+        """Both as one, beside nothing."""
+        more = worth[id(p)] - worth[id(best)]
+        return replace(p.second, gained=gained + more, explained=explained_by((p.first, p.second)))
+
+    whole, near = joint(best), {best.names: best}
     for p in others:
-        if sure[id(best)] - worth[id(p)] < margin:
+        if rivals(whole, [joint(p)]):
             near.setdefault(p.names, p)
     return list(near.values())

@@ -21,7 +21,9 @@ _STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE = 1e-3  # of the cost, likewise
 _CAUTION = 1.5  # largest change of log mu in one step
-_SHORTER = (0.1, 0.5)  # bounds of what a step is shortened to
+_DAMPED, _MORE, _LEAST_DAMPED = 0.1, 10.0, 1e-2  # of the curvature: at first, times, and less is none
+_TRIES = 5  # of a step, ever more damped; and
+_TRIES_WITH_OLD = 2  # with old fingerprints
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 _PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
 _T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
@@ -42,28 +44,33 @@ def refit(
 
     shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until it
     costs less than none. History (viscous strain, damage, set) belongs to the motion that it leads to, in the slopes
-    too. The discretisation enters linearly. A step that raises the cost is shortened.
-    The fingerprints serve several steps; they are renewed where a step with old ones brings less than it promised.
+    too. The discretisation enters linearly. A step that raises the cost or leads to no equilibrium is damped, what the
+    data determine least most (Levenberg & Marquardt). The fingerprints serve several steps; they are renewed where a
+    step with old ones brings less than it promised.
     """
-    theta = np.zeros(0) if cause is None else cause.bounded(np.asarray(theta, float))
+    theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     base = scene.energy
     widths = np.zeros(0) if cause is None else cause.widths(scene)
     prior = np.concatenate([model.prior, widths**2])
     solver = LinearSolver.of(base)
     state, cost = _best_start(scene, base, model, solver, cause, place, theta, start, shift, prior)
-    line, fresh, reach = _linearised(state, model, cause, place), True, 1.0
+    line, fresh, damping = _linearised(state, model, cause, place), True, 0.0
     for step in range(_STEPS + 1):
         normal = line.normal(state, model, cause, place)
         full = np.concatenate([state.coefficients, state.theta])
         found = posterior(normal, prior, np.sqrt(model.s2))
         change = found.mean - full
-        gain = 0.5 * change @ (normal.A / model.s2 + np.diag(1 / prior)) @ change
+        curvature = normal.A / model.s2 + np.diag(1 / prior)
+        gain = 0.5 * change @ curvature @ change
         if gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
             break
-        smaller, reach = _lower(state, cost, gain, base, model, solver, cause, place, change, prior, reach)
+        tries = _TRIES if fresh else _TRIES_WITH_OLD
+        smaller, promised, damping = _lower(
+            state, cost, base, model, solver, cause, place, change, curvature, prior, damping, tries
+        )
         if smaller is None and fresh:
             break
-        kept = smaller is not None and cost - smaller[1] > _KEPT * gain
+        kept = smaller is not None and cost - smaller[1] > _KEPT * promised
         state, cost = smaller or (state, cost)
         if not kept:
             line = _linearised(state, model, cause, place)
@@ -108,36 +115,42 @@ def _best_start(
     longest = min(1.0, _CAUTION / max(most, 1e-12))
     without = _cost_of(scene, np.zeros(0), start, model, None, None, model.prior)
     for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
-        state = solved(scene, base, model, solver, cause, place, start + share * shift, share * theta)
+        begun = _stepped(cause, np.zeros(len(theta)), share * theta)
+        state = solved(scene, base, model, solver, cause, place, start + share * shift, begun)
         cost = _cost(state, model, cause, place, prior)
         if cost < without:
             break
     return state, cost
 
 
-def _lower(
-    state: Solved, cost: float, gain: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None,
-    place: Any, change: np.ndarray, prior: np.ndarray, reach: float,
-) -> tuple[tuple[Solved, float] | None, float]:  # fmt: skip
-    """The longest of a few shortened steps that lowers the cost, or None; and how far the next one may reach at first.
+def _stepped(cause: Cause | None, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+    return theta if cause is None else cause.stepped(theta, change)
 
-    Shortened to the lowest point of the parabola through the cost, its slope and the cost of the step that failed.
-    Where a step led to no equilibrium, which is slow to find out, the next one begins with twice the share that did.
+
+def _lower(
+    state: Solved, cost: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
+    change: np.ndarray, curvature: np.ndarray, prior: np.ndarray, damping: float, tries: int,
+) -> tuple[tuple[Solved, float] | None, float, float]:  # fmt: skip
+    """The least damped of a few steps that lowers the cost, or None; what it promised; the damping to begin with next.
+
+    That is the same where less was too little, else less: a step that leads to no equilibrium is slow to find out.
     """
     K, n = model.basis.log_mu.shape[1], len(state.coefficients)
-    most = float(np.abs(model.basis.log_mu @ change[:K]).max())
-    size, missing = min(reach, _CAUTION / max(most, 1e-12)), False
-    for _ in range(4):
-        coefficients, theta = state.coefficients + size * change[:n], state.theta + size * change[n:]
-        theta = theta if cause is None else cause.bounded(theta)
-        trial = solved(state.scene, base, model, solver, cause, place, coefficients, theta, state.factors)
+    for k in range(tries):
+        scaled = curvature + damping * np.diag(np.diagonal(curvature))
+        step = np.linalg.solve(scaled, curvature @ change) if damping else change
+        step = step * min(1.0, _CAUTION / max(float(np.abs(model.basis.log_mu @ step[:K]).max()), 1e-12))
+        theta = _stepped(cause, state.theta, step[n:])
+        trial = solved(
+            state.scene, base, model, solver, cause, place, state.coefficients + step[:n], theta, state.factors
+        )
         lower = _cost(trial, model, cause, place, prior)
-        missing |= bool(np.isinf(lower))
         if lower < cost:
-            return (trial, lower), min(1.0, 2 * size) if missing or reach < 1 else 1.0
-        slope = -2 * gain * size
-        size *= float(np.clip(-slope / (2 * (lower - cost - slope)), *_SHORTER))
-    return None, min(1.0, 2 * size) if missing else reach
+            less = damping / _MORE if damping / _MORE >= _LEAST_DAMPED else 0.0
+            promised = float(step @ curvature @ (change - step / 2))
+            return (trial, lower), promised, damping if k else less
+        damping = max(_DAMPED, _MORE * damping)
+    return None, 0.0, damping
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -47,12 +47,12 @@ class Round:
 
 def look(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
-    even: bool = False, shadow: bool = False,
+    even: float = 0.0, shadow: bool = False,
 ) -> Round:  # fmt: skip
     """Look for a cause beside what `current` holds: nothing, or a cause whose parameters then stay free.
 
-    floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: whether
-    what is wrong goes on evenly, as noise does; shadow: whether `current` explains most already, so that what is left
+    floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: how
+    evenly what is wrong goes on, as noise does; shadow: whether `current` explains most already, so that what is left
     may be its own shadow: only a cause that little can imitate, and that explains nearly all of it, is then named.
     """
     taken = current.taken_in()
@@ -65,7 +65,7 @@ def look(
     left = Left.by(taken, model.s2, modes)
     if not left.visible:
         return quiet
-    if even and left.like_noise:
+    if left.like_noise(even):
         return replace(quiet, verdict=nothing(even=True))
     leaders, others = leaders_of(scores, SURVIVES if shadow else TESTABLE)
     tried, s2 = refitted(leaders, current, model, floor, modes, say)

@@ -12,7 +12,7 @@ from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.leaders import WORTH, Progress, counted
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import Noise, goes_on_evenly, measure_noise
+from veo_ti.diagnosis.noise import Noise, evenness, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look
@@ -84,7 +84,7 @@ def diagnose(
         prior = found.refit.prior[: len(found.refit.coefficients)]
         return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
 
-    even = goes_on_evenly(scene, modes)  # judged as identified, before noise counts as fewer data
+    even = evenness(scene, modes)  # judged as identified, before noise counts as fewer data
     rounds = _rounds(look(baseline, model, noise.variance, modes, open_causes, say, even=even), narrower, modes,
                      open_causes if second else (), say)  # fmt: skip
     current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)

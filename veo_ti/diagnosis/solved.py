@@ -47,13 +47,16 @@ def solved(
     """All frames in equilibrium, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
-    through time find it, with the factors of a solve nearby; where they fail, or so many factors have no room, rounds
-    of solves do.
+    through time find it, with the factors of a solve nearby. Where there are none and they fail, or so many factors
+    have no room, rounds of solves do; they are so slow that a step from a solve nearby had better be shorter.
     """
     energy, found = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]])), None
     still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
     if cause is not None and cause.follows and scene.y[..., 0].size <= ROOM:
+        nearby = factors is not None
         found, equilibrium, factors = _through_time(scene, base, energy, solver, cause, place, theta, still, factors)
+        if found is None and nearby:
+            found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
     if found is None:
         found, equilibrium = _in_rounds(scene, base, energy, solver, cause, place, theta, still)
     return Solved(

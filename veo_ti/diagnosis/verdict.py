@@ -77,6 +77,12 @@ def _margin(best: Candidate) -> float:
     return max(APART, APART_SHARE * best.gained)
 
 
+def rivals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
+    """Those of others that may as well be the cause: nearly as likely, and not ruled out by what they leave."""
+    near = [c for c in others if c is not best and best.sure - c.gained < _margin(best)]
+    return [c for c in near if not _rejected(c, best)]
+
+
 def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
     """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share; faint: more
     than either, but little, and no known cause explains it."""
@@ -97,11 +103,11 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
-    rivals = [c for c in able if c is not best and best.sure - c.gained < _margin(best) and not _rejected(c, best)]
-    if rivals and best.explained < TOGETHER:
+    near = rivals(best, able)
+    if near and best.explained < TOGETHER:
         return unexplained(accepted[:1])
-    if rivals:
-        return either((best, *rivals))
+    if near:
+        return either((best, *near))
     return named(best)
 
 
@@ -126,4 +132,9 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named."""
-    return 1 - math.prod(1 - c.explained for c in causes) >= (TOGETHER if len(causes) == 1 else BOTH)
+    return explained_by(causes) >= (TOGETHER if len(causes) == 1 else BOTH)
+
+
+def explained_by(causes: Sequence[Candidate]) -> float:
+    """Share of what was wrong that causes explain together, each found beside those before it."""
+    return 1 - math.prod(1 - c.explained for c in causes)

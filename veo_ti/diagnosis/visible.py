@@ -11,7 +11,7 @@ from veo_ti.diagnosis.scene import Scene
 _VISIBLE = 0.35  # of the noise, and
 _SHARE = 0.004  # of the motion: root mean square below which the simulation's own error is as large
 _FAINT = 0.6, 0.015  # of the noise and of the motion: no more than that, it takes a cause to be said to be wrong
-_SHARED = 1.0  # of the noise between neighbours, that the noise they share may add at most
+_SHARED = 3.0  # times the evenness, of the noise between neighbours, that the noise they share may add at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,10 +42,9 @@ class Left:
         """Whether it is so little more that the simulation may be to blame, unless a cause explains it."""
         return self.excess < max(_FAINT[0] * self.noise, _FAINT[1] * _motion(self.scene))
 
-    @property
-    def like_noise(self) -> bool:
-        """Whether it is no larger than noise that neighbours share may be."""
-        return self.excess < _SHARED * self.noise
+    def like_noise(self, even: float) -> bool:
+        """Whether it is no larger than noise that neighbours share may be, by how evenly it goes on."""
+        return self.excess < _SHARED * even * self.noise
 
 
 def least_visible(scene: Scene, sigma: float) -> float:

@@ -10,7 +10,7 @@ from sim.sensitivity import Past
 from sim.terms.base import Term
 from veo_ti.diagnosis.scene import Scene
 
-_NEAR = 0.95  # of the most that a parameter can be
+_FOLDS = 2.0  # powers of e, by which the distance from the most that a parameter can be may change in one step
 _FEW = 5  # frames below which nothing can be seen to happen over time
 
 
@@ -107,9 +107,18 @@ class Cause:
         positive = np.array([p.positive for p in self.parameters])
         return bool((theta[positive] > 0).all())
 
-    def bounded(self, theta: np.ndarray) -> np.ndarray:
-        """The parameters (d,), none nearer to the most that it can be than a fit may come."""
-        return np.minimum(theta, _NEAR * np.array([p.most for p in self.parameters]))
+    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """The parameters (d,) after a step, `most - (most - theta) exp(-change / (most - theta))`, which is never met.
+
+        What a share d of the stiffness takes, a stiffness of 1 / (1 - d) gives back: the two are straight against each
+        other in the logarithm, along which this walks.
+        """
+        theta, change = np.asarray(theta, float), np.asarray(change, float)
+        most = np.array([p.most for p in self.parameters])
+        limited = np.isfinite(most)
+        room = np.where(limited, most - theta, 1.0)
+        curved = theta - room * np.expm1(np.clip(-change / room, -_FOLDS, _FOLDS))
+        return np.where(limited, curved, theta + change)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Prior standard deviations (d,) of the parameters for this object."""

@@ -11,7 +11,7 @@ from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
-_RINGS = 0.9  # damping ratio below which an object does
+_RINGS = 0.7  # damping ratio below which an object has a resonance (1 / sqrt 2)
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
 _BIT = 1e-4  # of a frequency, by which it is changed to see what follows

@@ -13,6 +13,9 @@ from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
 
+_SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
+_UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
+
 
 class StiffnessDrift(Cause):
     """mu, lam become mu, lam (1 + d t / T)."""
@@ -30,7 +33,7 @@ class StiffnessDrift(Cause):
 
 
 class Softening(Cause):
-    """psi becomes (1 - d D) psi, D = 1 - exp(-max I so far / I0) (Mullins)."""
+    """psi becomes (1 - d D) psi, D = I / (I + I0) with I the largest so far (Mullins)."""
 
     name = "softening"
     sentence = "The material grew softer where it was strained before, and stays so."
@@ -39,9 +42,13 @@ class Softening(Cause):
     follows = True
 
     def places(self, scene: Scene) -> Sequence[float]:
-        """I0, the 90th percentile over the object of the largest I before any refit; data mostly trade it for d."""
+        """I0, shares of the 90th percentile over the object of the largest I before any refit."""
         worst = strain_energy(scene).max(axis=0)
-        return (max(float(np.quantile(worst, 0.9)), 1e-9),)
+        return [share * max(float(np.quantile(worst, 0.9)), 1e-9) for share in _SCALES]
+
+    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """No further than stress rises with strain."""
+        return np.minimum(super().stepped(theta, change), _UPRIGHT)
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """The damage that the simulated motion has done so far."""
@@ -57,7 +64,7 @@ class Softening(Cause):
 
     def describe(self, scene: Scene, place: float) -> str:
         """How much it takes."""
-        return f"two thirds of it done at a shear energy of {place / 2:.2g} mu"
+        return f"half of it done at a shear energy of {place / 2:.2g} mu"
 
 
 class Viscoelasticity(Cause):
