@@ -21,6 +21,15 @@ def test_nothing_hidden_nothing_found(seed, tmp_path):
     assert answer["verdict"] == "no_misfit", answer["sentence"]
 
 
+@pytest.mark.parametrize("setting", ["correlated", "outliers"])
+def test_noise_that_is_not_white_is_nothing_hidden(setting, tmp_path):
+    """Sixty per cent of its variance reach over neighbours and last some frames; or one point in a hundred is stray."""
+    made = world.trial(602, (), size="small", setting=setting)
+    made.save(tmp_path / "measurement.npz", tmp_path / "truth.npz")
+    answer = judging.verdict_on(tmp_path / "measurement.npz", made.clean, 1e-3 * made.truth["sigma_mm"])
+    assert answer["verdict"] == "no_misfit", answer["sentence"]
+
+
 @pytest.mark.parametrize(("seed", "effect"), [(24, "force_magnitude"), (28, "correspondence_slip")])
 def test_hidden_effect_is_found_and_extends_the_model(seed, effect, tmp_path):
     truth, answer = said(seed, tmp_path)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
-from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import PermanentSet, Softening, StiffnessDrift, Viscoelasticity
-from veo_ti.diagnosis.model import change_of
-from veo_ti.diagnosis.refit import _linearised, _lower
+from veo_ti.diagnosis.problem import Problem
+from veo_ti.diagnosis.refit import _linearised, _lower, _Way
 from veo_ti.diagnosis.solved import Solved, solved
 
 STRONG = {Viscoelasticity: 2.0, PermanentSet: 0.4, Softening: 0.7}
@@ -22,14 +22,13 @@ def test_motion_is_the_one_that_its_own_history_leads_to(cause, scene, model):  
     """One more round, solved tightly, leaves it where it is, to a tenth of the noise."""
     scene = replace(scene, target=replace(scene.target, sigma=NOISE))
     theta, place = np.array([STRONG[type(cause)]]), next(iter(cause.places(scene)))
-    base, solver = scene.energy, LinearSolver.of(scene.energy)
-    found = solved(scene, base, model, solver, cause, place, np.zeros(len(model.prior)), theta)
+    problem = Problem.of(scene, model, cause, place)
+    found = solved(problem, scene, np.zeros(len(model.prior)), theta)
     assert found.equilibrium.converged
     energy = found.without.energy
-    change = change_of(found.scene.of_material(energy.elastic.m), cause, theta, place)
-    again = equilibrate(
-        replace(energy, terms=(*base.terms, *change.terms)), found.scene.y, options=NewtonOptions(tolerance=1e-9)
-    ).require_converged()
+    change = problem.change(found.scene.of_material(energy.elastic.m), theta)
+    whole = replace(energy, terms=(*scene.energy.terms, *change.terms))
+    again = equilibrate(whole, found.scene.y, options=NewtonOptions(tolerance=1e-9)).require_converged()
     assert np.sqrt(((again.y - found.scene.y) ** 2).mean()) < 0.1 * NOISE
     assert np.abs(found.scene.y - scene.y).max() > NOISE  # it does something
 
@@ -59,14 +58,14 @@ def test_columns_are_slopes_of_the_motion_with_its_history(cause, scene, model, 
     monkeypatch.setattr("veo_ti.diagnosis.solved._ROUNDS", 40)
     monkeypatch.setattr("veo_ti.diagnosis.solved.NEWTON", NewtonOptions(tolerance=1e-9, iterations=40))
     scene = replace(scene, target=replace(scene.target, sigma=1e-9))
-    base, solver, place = scene.energy, LinearSolver.of(scene.energy), next(iter(cause.places(scene)))
+    problem = Problem.of(scene, model, cause, next(iter(cause.places(scene))))
     n, h = len(model.prior), 1e-3
 
     def at(unknowns: np.ndarray) -> Solved:
-        return solved(scene, base, model, solver, cause, place, unknowns[:n], unknowns[n:])
+        return solved(problem, scene, unknowns[:n], unknowns[n:])
 
     here = np.array([*np.full(n, 0.1), STRONG[type(cause)]])
-    columns = _linearised(at(here), model, cause, place).kept
+    columns = _linearised(problem, at(here)).kept
     for k in (2, n):
         step = h * np.eye(n + 1)[k]
         slope = (at(here + step).scene.y - at(here - step).scene.y) / (2 * h)
@@ -79,24 +78,25 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     """Beyond 0.15 there is none; the costs fall all the way there. Damping d shortens a step to 1 / (1 + d)."""
     tried: list[float] = []
 
-    def fake(*given):
-        tried.append(float(given[6][0]))
-        return SimpleNamespace(coefficients=given[6])
+    def fake(problem, near, coefficients, theta, factors):
+        tried.append(float(coefficients[0]))
+        return SimpleNamespace(coefficients=coefficients)
 
-    def cost(trial, *_):
+    def cost(problem, trial):
         return np.inf if trial.coefficients[0] > 0.15 else -trial.coefficients[0]
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", cost)
     here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(1), theta=np.zeros(0))
-    one, unit = SimpleNamespace(basis=SimpleNamespace(log_mu=np.ones((1, 1)))), np.eye(1)
+    free = SimpleNamespace(within=lambda step, most: 1.0, stepped=lambda theta, change: theta)
+    way = _Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
 
     def lower(damping: float) -> tuple[float, float]:
-        return _lower(here, 0.0, None, one, None, None, None, np.ones(1), unit, np.ones(1), damping, 5)[1:]
+        return _lower(free, here, 0.0, way, damping, 5)[1:]
 
     promised, damping = lower(0.0)
     assert tried == pytest.approx([1.0, 1 / 1.1, 1 / 2, 1 / 11])
     assert promised == pytest.approx(1 / 11 * (1 - 1 / 22)) and damping == 10.0
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
-    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda trial, *_: -trial.coefficients[0])
+    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])
     assert lower(0.0) == pytest.approx((0.5, 0.0))  # Newton's own step, as long as there always is one

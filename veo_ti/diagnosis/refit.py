@@ -2,18 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from sim.energy import Energy
 from sim.evidence import Normal, Posterior, jackknife, posterior
-from sim.newton import LinearSolver
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.columns import directions_of
-from veo_ti.diagnosis.model import Model, Refit, change_of, shown_by
-from veo_ti.diagnosis.moments import Fingerprints, moments
+from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.problem import Line, Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
 
@@ -49,164 +45,119 @@ def refit(
     step with old ones brings less than it promised.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
-    base = scene.energy
-    widths = np.zeros(0) if cause is None else cause.widths(scene)
-    prior = np.concatenate([model.prior, widths**2])
-    solver = LinearSolver.of(base)
-    state, cost = _best_start(scene, base, model, solver, cause, place, theta, start, shift, prior)
-    line, fresh, damping = _linearised(state, model, cause, place), True, 0.0
+    problem = Problem.of(scene, model, cause, place)
+    state, cost = _best_start(problem, scene, start, theta, shift)
+    line, fresh, damping = _linearised(problem, state), True, 0.0
     for step in range(_STEPS + 1):
-        normal = line.normal(state, model, cause, place)
-        full = np.concatenate([state.coefficients, state.theta])
-        found = posterior(normal, prior, np.sqrt(model.s2))
-        change = found.mean - full
-        curvature = normal.A / model.s2 + np.diag(1 / prior)
-        gain = 0.5 * change @ curvature @ change
-        if gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
+        way = _Way.of(problem, line, state)
+        if way.gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
             break
-        tries = _TRIES if fresh else _TRIES_WITH_OLD
-        smaller, promised, damping = _lower(
-            state, cost, base, model, solver, cause, place, change, curvature, prior, damping, tries
-        )
+        smaller, promised, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is None and fresh:
             break
         kept = smaller is not None and cost - smaller[1] > _KEPT * promised
         state, cost = smaller or (state, cost)
         if not kept:
-            line = _linearised(state, model, cause, place)
+            line = _linearised(problem, state)
         fresh = not kept
         if progress is not None:
             progress(cause.name if cause else "baseline")
-    return _result(state, cost, cause, place, found, prior, normal, line.kept, model, gain)
+    return _result(problem, state, cost, way, line)
 
 
-def _residual(scene: Scene, cause: Cause | None, place: Any, theta: np.ndarray) -> np.ndarray:
-    """Observed minus shown, without the discretisation's part, on the frames that train, (T, N, 3)."""
-    r = scene.target.residual(shown_by(scene, change_of(scene, cause, theta, place)))
-    return r * scene.train[:, None, None]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Way:
+    """From a state to the most probable unknowns of its linearisation."""
+
+    normal: Normal
+    found: Posterior
+    change: np.ndarray  # of all unknowns
+    curvature: np.ndarray  # of the cost
+
+    @classmethod
+    def of(cls, problem: Problem, line: Line, state: Solved) -> "_Way":
+        """By fingerprints of this state or of one nearby."""
+        s2, prior = problem.model.s2, problem.prior
+        normal = line.normal(state.scene, state.coefficients, state.theta)
+        found = posterior(normal, prior, np.sqrt(s2))
+        change = found.mean - np.concatenate([state.coefficients, state.theta])
+        return cls(normal=normal, found=found, change=change, curvature=normal.A / s2 + np.diag(1 / prior))
+
+    @property
+    def gain(self) -> float:
+        """Nats that it promises."""
+        return float(0.5 * self.change @ self.curvature @ self.change)
+
+    def damped(self, damping: float) -> np.ndarray:
+        """The step of a curvature with so much more of its diagonal."""
+        if not damping:
+            return self.change
+        diagonal = np.diag(np.diagonal(self.curvature))
+        return np.linalg.solve(self.curvature + damping * diagonal, self.curvature @ self.change)
+
+    def promised(self, step: np.ndarray) -> float:
+        """Nats by another step."""
+        return float(step @ self.curvature @ (self.change - step / 2))
 
 
-def _cost(state: Solved, model: Model, cause: Cause | None, place: Any, prior: np.ndarray) -> float:
+def _linearised(problem: Problem, state: Solved) -> Line:
+    return problem.linearised(state.scene, state.coefficients, state.theta)
+
+
+def _cost(problem: Problem, state: Solved) -> float:
     """Minus the log posterior; infinite where an equilibrium that counts was not found."""
-    if not state.found:
-        return np.inf
-    return _cost_of(state.scene, state.theta, state.coefficients, model, cause, place, prior)
-
-
-def _cost_of(
-    scene: Scene, theta: np.ndarray, coefficients: np.ndarray, model: Model, cause: Cause | None, place: Any,
-    prior: np.ndarray,
-) -> float:  # fmt: skip
-    counted = (scene.target.seen & scene.train[:, None])[..., None]
-    r = _residual(scene, cause, place, theta) - _numerics(coefficients, model) * counted
-    full = np.concatenate([coefficients, theta])
-    return float((r**2).sum() / (2 * model.s2) + (full**2 / prior).sum() / 2)
+    return problem.cost(state.scene, state.coefficients, state.theta) if state.found else np.inf
 
 
 def _best_start(
-    scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    theta: np.ndarray, start: np.ndarray, shift: np.ndarray | None, prior: np.ndarray,
-) -> tuple[Solved, float]:  # fmt: skip
+    problem: Problem, scene: Scene, start: np.ndarray, theta: np.ndarray, shift: np.ndarray | None
+) -> tuple[Solved, float]:
     """The longest of a few shares of the score step that costs less than no step; no step where none does."""
     if shift is None:
-        state = solved(scene, base, model, solver, cause, place, start, theta)
-        return state, _cost(state, model, cause, place, prior)
-    most = float(np.abs(model.basis.log_mu @ shift[: model.basis.log_mu.shape[1]]).max())
-    longest = min(1.0, _CAUTION / max(most, 1e-12))
-    without = _cost_of(scene, np.zeros(0), start, model, None, None, model.prior)
+        state = solved(problem, scene, start, theta)
+        return state, _cost(problem, state)
+    longest = problem.within(shift, _CAUTION)
+    without = Problem.of(scene, problem.model).cost(scene, start, np.zeros(0))
     for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
-        begun = _stepped(cause, np.zeros(len(theta)), share * theta)
-        state = solved(scene, base, model, solver, cause, place, start + share * shift, begun)
-        cost = _cost(state, model, cause, place, prior)
+        begun = problem.stepped(np.zeros(len(theta)), share * theta)
+        state = solved(problem, scene, start + share * shift, begun)
+        cost = _cost(problem, state)
         if cost < without:
             break
     return state, cost
 
 
-def _stepped(cause: Cause | None, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
-    return theta if cause is None else cause.stepped(theta, change)
-
-
 def _lower(
-    state: Solved, cost: float, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    change: np.ndarray, curvature: np.ndarray, prior: np.ndarray, damping: float, tries: int,
-) -> tuple[tuple[Solved, float] | None, float, float]:  # fmt: skip
+    problem: Problem, state: Solved, cost: float, way: _Way, damping: float, tries: int
+) -> tuple[tuple[Solved, float] | None, float, float]:
     """The least damped of a few steps that lowers the cost, or None; what it promised; the damping to begin with next.
 
     That is the same where less was too little, else less: a step that leads to no equilibrium is slow to find out.
     """
-    K, n = model.basis.log_mu.shape[1], len(state.coefficients)
+    n = len(state.coefficients)
     for k in range(tries):
-        scaled = curvature + damping * np.diag(np.diagonal(curvature))
-        step = np.linalg.solve(scaled, curvature @ change) if damping else change
-        step = step * min(1.0, _CAUTION / max(float(np.abs(model.basis.log_mu @ step[:K]).max()), 1e-12))
-        theta = _stepped(cause, state.theta, step[n:])
-        trial = solved(
-            state.scene, base, model, solver, cause, place, state.coefficients + step[:n], theta, state.factors
-        )
-        lower = _cost(trial, model, cause, place, prior)
+        step = way.damped(damping)
+        step = step * problem.within(step, _CAUTION)
+        theta = problem.stepped(state.theta, step[n:])
+        trial = solved(problem, state.scene, state.coefficients + step[:n], theta, state.factors)
+        lower = _cost(problem, trial)
         if lower < cost:
             less = damping / _MORE if damping / _MORE >= _LEAST_DAMPED else 0.0
-            promised = float(step @ curvature @ (change - step / 2))
-            return (trial, lower), promised, damping if k else less
+            return (trial, lower), way.promised(step), damping if k else less
         damping = max(_DAMPED, _MORE * damping)
     return None, 0.0, damping
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Line:
-    """Fingerprints that were solved for at one state and serve nearby."""
-
-    A: np.ndarray
-    kept: Fingerprints
-
-    def normal(self, state: Solved, model: Model, cause: Cause | None, place: Any) -> Normal:
-        """The data linearised around a state; the unknowns are the coefficients and theta themselves."""
-        at = _around(state, model)
-        seen = state.scene.target.seen
-        return self.kept.normal(self.A, _residual(state.scene, cause, place, state.theta), seen, at)
-
-
-def _around(state: Solved, model: Model) -> np.ndarray:
-    at = np.concatenate([state.coefficients, state.theta])
-    at[model.basis.log_mu.shape[1] : len(state.coefficients)] = 0.0  # the residual still holds their part
-    return at
-
-
-def _linearised(state: Solved, model: Model, cause: Cause | None, place: Any) -> _Line:
-    """Fresh fingerprints."""
-    K, scene = model.basis.log_mu.shape[1], state.scene
-    own = [] if cause is None else directions_of(cause, scene, place, state.theta)
-    companion = None
-    if cause is not None and cause.companion(scene, state.theta, place) is not None:
-        companion = partial(cause.companion, theta=state.theta, place=place)
-    carried = None if cause is None else cause.carried(scene, state.theta, place)
-    remembered = () if cause is None else cause.remembered(scene, state.theta, place)
-    found = moments(
-        scene, model.basis, state.coefficients[:K], model.extra, own, companion=companion, carried=carried,
-        remembered=remembered, keep=True,
-    )  # fmt: skip
-    return _Line(A=found.normal.A, kept=found.kept)
-
-
-def _numerics(coefficients: np.ndarray, model: Model) -> np.ndarray:
-    """The discretisation's part of the motion, (T, N, 3) [m]."""
-    K = model.basis.log_mu.shape[1]
-    return sum((c * known.motion for c, known in zip(coefficients[K:], model.extra, strict=True)), 0.0)
-
-
-def _result(
-    state: Solved, cost: float, cause: Cause | None, place: Any, found: Posterior, prior: np.ndarray, normal: Normal,
-    kept: Fingerprints, model: Model, gain: float,
-) -> Refit:  # fmt: skip
-    n, seen = len(state.coefficients), state.scene.target.seen
-    parts = kept.parts(_residual(state.scene, cause, place, state.theta), seen, _around(state, model), _PARTS)
-    sd = np.maximum(np.sqrt(np.diagonal(found.covariance)), _T * jackknife(parts, prior, np.sqrt(model.s2)))
-    done = gain < max(_LEAST, 2 * _SHARE * cost)
+def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line) -> Refit:
+    n, seen, root = len(state.coefficients), state.scene.target.seen, np.sqrt(problem.model.s2)
+    around = problem.around(state.coefficients, state.theta)
+    parts = line.kept.parts(problem.residual(state.scene, state.theta), seen, around, _PARTS)
+    sd = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), _T * jackknife(parts, problem.prior, root))
+    done = way.gain < max(_LEAST, 2 * _SHARE * cost)
+    best = way.found.mean[:n]
     return Refit(
-        cause=cause, place=place, theta=state.theta, sd=sd[n:], scene=state.scene,
-        without=state.without, coefficients=found.mean[:n], normal=normal, prior=prior,
-        around=_around(state, model), kept=kept,
-        short=float(gain), converged=bool(done), numerics=_numerics(found.mean[:n], model),
-        sentence="converged" if done else f"stopped {gain:.1f} nats before its best",
+        cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:], scene=state.scene,
+        without=state.without, coefficients=best, normal=way.normal, prior=problem.prior, around=around,
+        kept=line.kept, short=way.gain, converged=bool(done), numerics=problem.numerics(best),
+        sentence="converged" if done else f"stopped {way.gain:.1f} nats before its best",
     )  # fmt: skip

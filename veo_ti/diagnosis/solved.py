@@ -3,17 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from sim.energy import Energy
 from sim.linear import ROOM, DirectFactors
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
 from sim.through_time import settle
-from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.model import Model, change_of
+from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 
 _ROUNDS = 12  # of motion and what follows from it, such as damage
@@ -41,24 +39,23 @@ class Solved:
 
 
 def solved(
-    scene: Scene, base: Energy, model: Model, solver: LinearSolver, cause: Cause | None, place: Any,
-    coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None,
-) -> Solved:  # fmt: skip
+    problem: Problem, scene: Scene, coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None
+) -> Solved:
     """All frames in equilibrium, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
     through time find it, with the factors of a solve nearby. Where there are none and they fail, or so many factors
     have no room, rounds of solves do; they are so slow that a step from a solve nearby had better be shorter.
     """
-    energy, found = base.with_elastic(model.elastic(base.elastic, coefficients[: model.basis.log_mu.shape[1]])), None
-    still = _STILL * (scene.target.sigma or np.sqrt(model.s2))
-    if cause is not None and cause.follows and scene.y[..., 0].size <= ROOM:
+    energy, found = problem.energy(coefficients), None
+    still = _STILL * (scene.target.sigma or np.sqrt(problem.model.s2))
+    if problem.cause is not None and problem.cause.follows and scene.y[..., 0].size <= ROOM:
         nearby = factors is not None
-        found, equilibrium, factors = _through_time(scene, base, energy, solver, cause, place, theta, still, factors)
+        found, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors)
         if found is None and nearby:
             found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
     if found is None:
-        found, equilibrium = _in_rounds(scene, base, energy, solver, cause, place, theta, still)
+        found, equilibrium = _in_rounds(problem, scene, energy, theta, still)
     return Solved(
         scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
         equilibrium=equilibrium, factors=factors,
@@ -66,25 +63,25 @@ def solved(
 
 
 def _through_time(
-    scene: Scene, base: Energy, energy: Energy, solver: LinearSolver, cause: Cause, place: Any, theta: np.ndarray,
-    still: float, factors: DirectFactors | None,
-) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:  # fmt: skip
+    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None
+) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:
     """All frames at once; no scene where one has no equilibrium."""
+    cause, place = problem.cause, problem.place
 
     def remembered(y: np.ndarray) -> tuple[Energy, Callable[[], Sequence[Past]]]:
         at = scene.moved(energy, y)
-        terms = (*base.terms, *cause.change(at, theta, place).terms)
+        terms = (*problem.base.terms, *problem.change(at, theta).terms)
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
-    settled = settle(remembered, scene.y, solver.layout, factors=factors, options=NEWTON, still=_NEAR * still)
+    layout = problem.solver.layout
+    settled = settle(remembered, scene.y, layout, factors=factors, options=NEWTON, still=_NEAR * still)
     reached = settled.equilibrium
     return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
 
 
 def _in_rounds(
-    scene: Scene, base: Energy, energy: Energy, solver: LinearSolver, cause: Cause | None, place: Any,
-    theta: np.ndarray, still: float,
-) -> tuple[Scene, Equilibrium]:  # fmt: skip
+    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float
+) -> tuple[Scene, Equilibrium]:
     """What follows from the motion is taken from the last motion, until the next one is the same: a fixed point.
 
     By Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more rounds where a frame
@@ -92,10 +89,10 @@ def _in_rounds(
     """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
-    for more in reversed(range(_ROUNDS if cause is not None and cause.follows else 1)):
-        change = change_of(scene.of_material(energy.elastic.m), cause, theta, place)
-        extended = replace(energy, terms=(*base.terms, *change.terms))
-        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=solver)
+    for more in reversed(range(_ROUNDS if problem.cause is not None and problem.cause.follows else 1)):
+        change = problem.change(scene.of_material(energy.elastic.m), theta)
+        extended = replace(energy, terms=(*problem.base.terms, *change.terms))
+        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=problem.solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
         if not more or not _found(scene, equilibrium) or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
