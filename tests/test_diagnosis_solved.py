@@ -100,3 +100,20 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])
     assert lower(0.0) == pytest.approx((0.5, 0.0))  # Newton's own step, as long as there always is one
+
+
+def test_a_damped_step_goes_down_and_promises_less():
+    """The cost of a quadratic bowl is what the step promises, and the undamped step leads to its bottom."""
+    random = np.random.default_rng(4)
+    root, bottom = random.normal(size=(5, 5)), random.normal(size=5)
+    curvature = root @ root.T + np.eye(5)
+    way = _Way(normal=None, found=None, change=bottom, curvature=curvature)
+
+    def cost(x: np.ndarray) -> float:
+        return float(0.5 * (x - bottom) @ curvature @ (x - bottom))
+
+    steps = [way.damped(damping) for damping in (0.0, 0.1, 1.0, 10.0)]
+    promised = [way.promised(step) for step in steps]
+    assert promised == pytest.approx([cost(np.zeros(5)) - cost(step) for step in steps])
+    assert promised[0] == pytest.approx(way.gain) == pytest.approx(cost(np.zeros(5)))
+    assert (np.diff(promised) < 0).all() and promised[-1] > 0

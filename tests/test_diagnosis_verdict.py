@@ -80,3 +80,10 @@ def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, little):
     scene = SimpleNamespace(target=all_seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
     found = Left(scene=scene, excess=left, noise=1.0)
     assert (found.visible, found.faint) == (seen, little)
+
+
+def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
+    """Of a variance of which neighbours share 60 %, they show 40 %: sqrt(0.6 / 0.4) of it is left beside it."""
+    shared = Left(scene=None, excess=np.sqrt(0.6 / 0.4), noise=1.0)
+    assert shared.like_noise(0.6) and not shared.like_noise(0.3)
+    assert not shared.like_noise(0.0)  # it stays as it is, or there are too few frames to see
