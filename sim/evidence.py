@@ -45,14 +45,23 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
     `log p(z) = -(n log sigma^2 + log|I + G^1/2 A G^1/2 / sigma^2| + (c - b^T mean) / sigma^2) / 2` up to a constant.
     """
     root = np.sqrt(prior)
-    M = np.eye(len(root)) + root[:, None] * normal.A * root / sigma**2
-    factor = cho_factor(M)
-    covariance = root[:, None] * cho_solve(factor, np.eye(len(root))) * root
+    inverse, logdet = inverted(np.eye(len(root)) + root[:, None] * normal.A * root / sigma**2)
+    covariance = root[:, None] * inverse * root
     mean = covariance @ normal.b / sigma**2
-    logdet = 2 * np.log(np.diagonal(factor[0])).sum()
     misfit = (normal.c - normal.b @ mean) / sigma**2
     evidence = -0.5 * (normal.count * np.log(sigma**2) + logdet + misfit)
     return Posterior(mean=mean, covariance=covariance, evidence=float(evidence))
+
+
+def inverted(M: np.ndarray) -> tuple[np.ndarray, float]:
+    """M^-1 and log|M| of an M whose eigenvalues are at least one, but for the rounding of large ones."""
+    try:
+        factor = cho_factor(M)
+    except np.linalg.LinAlgError:
+        w, V = np.linalg.eigh(M)
+        w = np.maximum(w, 1.0)
+        return (V / w) @ V.T, float(np.log(w).sum())
+    return cho_solve(factor, np.eye(len(M))), float(2 * np.log(np.diagonal(factor[0])).sum())
 
 
 def left_out(parts: Sequence[Normal], prior: np.ndarray, sigma: float) -> np.ndarray:

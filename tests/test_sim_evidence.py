@@ -91,3 +91,15 @@ def test_parts_hold_all_frames_and_know_about_equally_much():
     assert whole.count == 480 and len(parts) == 5
     known = np.array([np.trace(part.A) for part in parts])
     assert known.max() < 2 * known.min()
+
+
+def test_rounding_of_large_curvatures_leaves_a_posterior():
+    """Columns in single precision can make `J^T J` indefinite by as much as its rounding."""
+    rng = np.random.default_rng(3)
+    J = rng.normal(size=(40, 3)) @ rng.normal(size=(3, 6))
+    A, truth = J.T @ J, rng.normal(size=6)
+    rounded = A - 1e-7 * np.abs(A).max() * np.eye(6)
+    found, exact = (posterior(Normal(A=M, b=A @ truth, c=0.0, count=40), np.ones(6), 1e-5) for M in (rounded, A))
+    assert np.linalg.eigvalsh(np.eye(6) + rounded / 1e-10).min() < 0
+    assert np.linalg.norm(J @ (found.mean - exact.mean)) < 0.01 * np.linalg.norm(J @ exact.mean)
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()

@@ -10,6 +10,8 @@ from blind.solver import System, pattern_of
 
 Draw = Callable[[np.random.Generator, Scene], "Hidden"]
 
+SHORT = 8  # steps in a frame interval, where a step takes something from the one before as it was
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hidden:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from blind import laws
-from blind.hidden import Hidden, sign, unit
+from blind.hidden import SHORT, Hidden, sign, unit
 from blind.history import Convolved, Damaged, Set, Viscous
 from blind.scenes import Model, Scene
 
@@ -68,7 +68,7 @@ def permanent_set(rng: np.random.Generator, scene: Scene) -> Hidden:
     deviatoric = bool(rng.random() < 0.5)
     return Hidden(
         name="permanent_set", start=0.1, most=0.45, goal=(3.0, 20.0), details={"deviatoric": deviatoric},
-        change=lambda model, share: model.with_part(Set(scene.mu, share, deviatoric), steps=2),
+        change=lambda model, share: model.with_part(Set(scene.mu, share, deviatoric), steps=SHORT),
         tells=(lambda share: {}) if deviatoric else (lambda share: {"share": share}),
     )  # fmt: skip
 
@@ -79,7 +79,7 @@ def softening(rng: np.random.Generator, scene: Scene) -> Hidden:
     w0 = scene.mu / 2 * scene.strain * rng.uniform(0.3, 1.5)
     return Hidden(
         name="softening", start=0.3, most=0.75, goal=RAW,
-        change=lambda model, d: model.with_part(Damaged(base, d, w0), steps=2),
+        change=lambda model, d: model.with_part(Damaged(base, d, w0), steps=SHORT),
     )  # fmt: skip
 
 

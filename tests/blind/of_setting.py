@@ -6,7 +6,7 @@ import fem
 import numpy as np
 
 from blind.body import Body, split
-from blind.hidden import Hidden, greatest_force, sign, typical_mu
+from blind.hidden import SHORT, Hidden, greatest_force, sign, typical_mu
 from blind.of_loads import GRAVITY
 from blind.scenes import Model, Observe, Scene
 from blind.shapes import Built
@@ -94,7 +94,7 @@ def damping(rng: np.random.Generator, scene: Scene) -> Hidden:
     start = 0.05 * greatest_force(scene) / (speed * volume.sum())
     return Hidden(
         name="damping", start=start, most=50 * start, tells=lambda c: {"drag": c},
-        change=lambda model, c: model.with_tie(Drag(c * volume), steps=3),
+        change=lambda model, c: model.with_tie(Drag(c * volume), steps=SHORT),
     )  # fmt: skip
 
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
-from sim.evidence import posterior
+from sim.evidence import inverted, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.model import Model, Refit
@@ -33,13 +33,13 @@ class Statistics:
         """left^T Sigma^-1 right for columns of the moments."""
         A = self.moments.normal.A
         n = self.moments.nuisances
-        return (A[left][:, right] - A[left][:, :n] @ self._solve(A[:n][:, right])) / self.s2
+        return (A[left][:, right] - A[left][:, :n] @ self._taken @ A[:n][:, right]) / self.s2
 
     def against(self, left: slice | np.ndarray) -> np.ndarray:
         """left^T Sigma^-1 z."""
         A, b = self.moments.normal.A, self.moments.normal.b
         n = self.moments.nuisances
-        return (b[left] - A[left][:, :n] @ self._solve(b[:n])) / self.s2
+        return (b[left] - A[left][:, :n] @ self._taken @ b[:n]) / self.s2
 
     def joint(self, columns: np.ndarray, widths: np.ndarray) -> np.ndarray:
         """The most probable nuisances (n,) and parameters (d,) together."""
@@ -61,10 +61,12 @@ class Statistics:
         """Energy of the residual in the smooth modes against its expectation."""
         return Misfit.of(self.against(self.smooth), self.inner(self.smooth, self.smooth))
 
-    def _solve(self, right: np.ndarray) -> np.ndarray:
-        n = self.moments.nuisances
-        factor = cho_factor(self.moments.normal.A[:n, :n] + self.s2 * np.diag(1 / self.prior))
-        return cho_solve(factor, right)
+    @cached_property
+    def _taken(self) -> np.ndarray:
+        """(A + s2 P^-1)^-1 of the nuisances."""
+        n, root = self.moments.nuisances, np.sqrt(self.prior)
+        whitened = np.eye(n) + root[:, None] * self.moments.normal.A[:n, :n] * root / self.s2
+        return root[:, None] * inverted(whitened)[0] * root / self.s2
 
 
 @dataclass(frozen=True)
