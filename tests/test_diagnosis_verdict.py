@@ -61,6 +61,9 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
     assert stands([most]) and not stands([good])
     assert stands([good, good]) and not stands([part, part])
+    leaving = found("c", 1938, 0.94, z=70)  # seed 1945: buckling passed for a stiffening
+    assert not stands([leaving]) and stands([found("c", 1938, 0.96, z=70)])
+    assert not stands([leaving, found("d", 200, 0.42, z=42)])
 
 
 @pytest.mark.parametrize(

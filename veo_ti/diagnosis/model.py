@@ -72,7 +72,7 @@ class Refit:
     prior: np.ndarray  # (K + E + d,) variances of all unknowns
     around: np.ndarray  # (K + E + d,) the unknowns there; zero for the discretisation, which the residual still holds
     kept: Fingerprints
-    short: float  # nats that a further step promises
+    short: float  # nats that a further step promises; infinite where nothing can be said
     converged: bool
     sentence: str
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part

@@ -16,6 +16,7 @@ from veo_ti.diagnosis.solved import Solved, solved
 _STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE = 1e-3  # of the cost, likewise
+_ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _CAUTION = 1.5  # largest change of log mu in one step
 _DAMPED, _MORE, _LEAST_DAMPED = 0.1, 10.0, 1e-2  # of the curvature: at first, times, and less is none
 _TRIES = 5  # of a step, ever more damped; and
@@ -50,7 +51,7 @@ def refit(
     line, fresh, damping = _linearised(problem, state), True, 0.0
     for step in range(_STEPS + 1):
         way = _Way.of(problem, line, state)
-        if way.gain < max(_LEAST, _SHARE * cost) or step == _STEPS:
+        if way.gain < max(_LEAST, _SHARE * cost) or way.broken(cost) or step == _STEPS:
             break
         smaller, promised, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is None and fresh:
@@ -87,6 +88,10 @@ class _Way:
     def gain(self) -> float:
         """Nats that it promises."""
         return float(0.5 * self.change @ self.curvature @ self.change)
+
+    def broken(self, cost: float) -> bool:
+        """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
+        return not self.gain < _ALL * cost
 
     def damped(self, damping: float) -> np.ndarray:
         """The step of a curvature with so much more of its diagonal."""
@@ -154,10 +159,11 @@ def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line)
     parts = line.kept.parts(problem.residual(state.scene, state.theta), seen, around, _PARTS)
     sd = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), _T * jackknife(parts, problem.prior, root))
     done = way.gain < max(_LEAST, 2 * _SHARE * cost)
-    best = way.found.mean[:n]
+    short = np.inf if way.broken(cost) else way.gain
+    best = way.found.mean[:n] if done else state.coefficients
     return Refit(
         cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:], scene=state.scene,
         without=state.without, coefficients=best, normal=way.normal, prior=problem.prior, around=around,
-        kept=line.kept, short=way.gain, converged=bool(done), numerics=problem.numerics(best),
-        sentence="converged" if done else f"stopped {way.gain:.1f} nats before its best",
+        kept=line.kept, short=short, converged=bool(done), numerics=problem.numerics(best),
+        sentence="converged" if done else f"stopped {short:.1f} nats before its best",
     )  # fmt: skip

@@ -70,7 +70,7 @@ def look(
     leaders, others = leaders_of(scores, SURVIVES if shadow else TESTABLE)
     tried, s2 = refitted(leaders, current, model, floor, modes, say)
     candidates = _candidates(tried, current, model, floor, s2, modes)
-    if current.cause is None and others and not any(c.plausible and c.explained >= TOGETHER for c in candidates):
+    if current.cause is None and others and not any(c.plausible and stands([c]) for c in candidates):
         more, least = refitted(others, current, model, floor, modes, say)
         tried, s2 = [*tried, *more], min(s2, least)
         candidates = _candidates(tried, current, model, floor, s2, modes)
@@ -108,5 +108,5 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
         refit=result, gained=gained, predicted=predicted, misfit=left,
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
-        plausible=result.cause.plausible(result.scene, result.theta),
+        plausible=result.cause.plausible(result.scene, result.theta) and bool(np.isfinite(result.short)),
     )  # fmt: skip

@@ -17,7 +17,8 @@ EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be 
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
 MORE = 5.0  # times as much
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
-BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one
+BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
+CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it, and
 SURVIVES = 0.5  # in the shadow of one that explains most
 
@@ -132,7 +133,8 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named."""
-    return explained_by(causes) >= (TOGETHER if len(causes) == 1 else BOTH)
+    may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)
+    return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
 
 
 def explained_by(causes: Sequence[Candidate]) -> float:
