@@ -91,7 +91,7 @@ class _Way:
 
     def broken(self, cost: float) -> bool:
         """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
-        return not self.gain < _ALL * cost
+        return not self.gain <= _ALL * cost
 
     def damped(self, damping: float) -> np.ndarray:
         """The step of a curvature with so much more of its diagonal."""

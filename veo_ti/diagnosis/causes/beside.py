@@ -51,6 +51,10 @@ class Beside(Cause):
         """By both."""
         return tuple(r for cause, own, at in self._placed(place) for r in cause.remembered(scene, theta[own], at))
 
+    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Each as it steps alone."""
+        return np.concatenate([cause.stepped(theta[own], change[own]) for cause, own in self.parts])
+
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
         """One of both moved, unless one only follows the motion."""
         if any(type(cause).carried is not Cause.carried for cause, _ in self.parts):
