@@ -45,7 +45,7 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
     `log p(z) = -(n log sigma^2 + log|I + G^1/2 A G^1/2 / sigma^2| + (c - b^T mean) / sigma^2) / 2` up to a constant.
     """
     root = np.sqrt(prior)
-    inverse, logdet = inverted(np.eye(len(root)) + root[:, None] * normal.A * root / sigma**2)
+    inverse, logdet = _inverted(np.eye(len(root)) + root[:, None] * normal.A * root / sigma**2)
     covariance = root[:, None] * inverse * root
     mean = covariance @ normal.b / sigma**2
     misfit = (normal.c - normal.b @ mean) / sigma**2
@@ -53,7 +53,7 @@ def posterior(normal: Normal, prior: np.ndarray, sigma: float) -> Posterior:
     return Posterior(mean=mean, covariance=covariance, evidence=float(evidence))
 
 
-def inverted(M: np.ndarray) -> tuple[np.ndarray, float]:
+def _inverted(M: np.ndarray) -> tuple[np.ndarray, float]:
     """M^-1 and log|M| of an M whose eigenvalues are at least one, but for the rounding of large ones."""
     try:
         factor = cho_factor(M)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sim.elastic import Elastic
-from sim.laws.history import Memory, damage, green_strain
+from sim.laws.history import Memory, damage, damage_slope, green_strain
 from sim.laws.reference import LinearStress
 from sim.stencil import Stencil
 from sim.terms.base import Term
@@ -128,7 +128,7 @@ class PassingDamage:
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        weight = -what.share * (1 - what.D[frame]) ** 2 / what.scale * load
+        weight = -what.share * damage_slope(what.D[frame], what.scale) * load
         return -what.lost(weight).gradient(np.repeat(what.y[frame : frame + 1], len(weight), axis=0))
 
 

@@ -7,9 +7,9 @@ import pytest
 from blind import judging, world
 
 
-def said(seed: int, folder) -> tuple[dict, dict]:
-    """The truth, and what the toolkit answered."""
-    made = world.trial(seed, size="small")
+def said(seed: int, folder, **given) -> tuple[dict, dict]:
+    """The truth, and what the toolkit answered; given: as `world.trial` takes it."""
+    made = world.trial(seed, size="small", **given)
     made.save(folder / "measurement.npz", folder / "truth.npz")
     return made.truth, judging.verdict_on(folder / "measurement.npz", made.clean, 1e-3 * made.truth["sigma_mm"])
 
@@ -24,9 +24,7 @@ def test_nothing_hidden_nothing_found(seed, tmp_path):
 @pytest.mark.parametrize("setting", ["correlated", "outliers"])
 def test_noise_that_is_not_white_is_nothing_hidden(setting, tmp_path):
     """Sixty per cent of its variance reach over neighbours and last some frames; or one point in a hundred is stray."""
-    made = world.trial(602, (), size="small", setting=setting)
-    made.save(tmp_path / "measurement.npz", tmp_path / "truth.npz")
-    answer = judging.verdict_on(tmp_path / "measurement.npz", made.clean, 1e-3 * made.truth["sigma_mm"])
+    answer = said(602, tmp_path, effect=(), setting=setting)[1]
     assert answer["verdict"] == "no_misfit", answer["sentence"]
 
 

@@ -87,3 +87,8 @@ def damage(F: np.ndarray, scale: float) -> np.ndarray:
     require(bool((J > 0).all()), "F", "have J > 0 everywhere", J.min())
     invariant = np.maximum.accumulate(np.maximum((F**2).sum(axis=(-2, -1)) - 3 - 2 * np.log(J), 0.0), axis=0)
     return invariant / (invariant + scale)
+
+
+def damage_slope(D: np.ndarray, scale: float) -> np.ndarray:
+    """dD/dI of `damage` where a frame does it itself, `(1 - D)^2 / scale`."""
+    return (1 - D) ** 2 / scale

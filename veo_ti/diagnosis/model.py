@@ -74,7 +74,6 @@ class Refit:
     kept: Fingerprints
     short: float  # nats that a further step promises; infinite where nothing can be said
     converged: bool
-    sentence: str
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
 
     @property

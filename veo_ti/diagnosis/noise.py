@@ -52,8 +52,8 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
 def evenness(scene: Scene, modes: np.ndarray) -> float:
     """Energy of the residual's smooth modes (N, S) in the quietest tenth of the training frames, over the mean.
 
-    Noise that neighbours share goes on in every frame, whatever the load (0.6 to 0.7 where it lasts some frames);
-    physics that is missing follows the load (0.3 at most), or stays, which counts as zero.
+    Noise that neighbours share goes on in every frame, whatever the load; physics that is missing follows the load, or
+    stays, which counts as zero.
     """
     frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
     frames = frames[frames > 0]  # the reference is taken as it was seen

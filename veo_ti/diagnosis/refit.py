@@ -165,5 +165,4 @@ def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line)
         cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:], scene=state.scene,
         without=state.without, coefficients=best, normal=way.normal, prior=problem.prior, around=around,
         kept=line.kept, short=short, converged=bool(done), numerics=problem.numerics(best),
-        sentence="converged" if done else f"stopped {short:.1f} nats before its best",
     )  # fmt: skip

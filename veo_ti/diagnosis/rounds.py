@@ -83,8 +83,8 @@ def look(
         first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])
         experiment = separating(taken, first, second, model, s2)
     holds = verdict.kind == "named" or (verdict.kind == "ambiguous" and current.cause is not None)
-    return Round(
-        misfit=misfit, scores=scores, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment,
+    return replace(
+        quiet, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment,
         extended=verdict.causes[0].refit if holds else None,
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from sim.evidence import inverted, posterior
+from sim.evidence import Posterior, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.model import Model, Refit
@@ -43,10 +43,7 @@ class Statistics:
 
     def joint(self, columns: np.ndarray, widths: np.ndarray) -> np.ndarray:
         """The most probable nuisances (n,) and parameters (d,) together."""
-        own = np.concatenate([np.arange(self.moments.nuisances), columns])
-        every = self.moments.normal
-        normal = replace(every, A=every.A[np.ix_(own, own)], b=every.b[own])
-        return posterior(normal, np.concatenate([self.prior, widths**2]), np.sqrt(self.s2)).mean
+        return self._posterior(columns, widths).mean
 
     def alone(self, columns: np.ndarray) -> np.ndarray:
         """|column|^2 / s2: what would be left if no nuisance took any of it."""
@@ -64,9 +61,13 @@ class Statistics:
     @cached_property
     def _taken(self) -> np.ndarray:
         """(A + s2 P^-1)^-1 of the nuisances."""
-        n, root = self.moments.nuisances, np.sqrt(self.prior)
-        whitened = np.eye(n) + root[:, None] * self.moments.normal.A[:n, :n] * root / self.s2
-        return root[:, None] * inverted(whitened)[0] * root / self.s2
+        return self._posterior(np.zeros(0, int), np.zeros(0)).covariance / self.s2
+
+    def _posterior(self, columns: np.ndarray, widths: np.ndarray) -> Posterior:
+        own = np.concatenate([np.arange(self.moments.nuisances), columns])
+        every = self.moments.normal
+        normal = replace(every, A=every.A[np.ix_(own, own)], b=every.b[own])
+        return posterior(normal, np.concatenate([self.prior, widths**2]), np.sqrt(self.s2))
 
 
 @dataclass(frozen=True)
