@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 from blind import world
 from blind.report import report
 from blind.shapes import SIZES
+from blind.tracking import SETTINGS
 
 
 def main() -> None:
@@ -32,10 +33,11 @@ def main() -> None:
     parser.add_argument("--size", choices=SIZES, default="small")
     parser.add_argument("--mix", choices=world.MIXES, default="default")
     parser.add_argument("--effect", help="hide this in every trial, whatever the mix says")
+    parser.add_argument("--setting", choices=SETTINGS, help="measure all like this, whatever the mix says")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     seeds = range(given.first_seed, given.first_seed + given.trials)
-    tasks = [(s, given.out, given.size, given.mix, given.effect) for s in seeds]
+    tasks = [(s, given.out, given.size, given.mix, given.effect, given.setting) for s in seeds]
     records = []
     for record in _all(tasks, given.jobs):
         records.append(record)
@@ -60,13 +62,14 @@ def _run_task(task: tuple) -> dict:
     return run_one(*task)
 
 
-def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None) -> dict:
+def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None, setting: str | None = None) -> dict:
     """The record of one trial, made now or read where it was made before."""
-    name = f"{mix if effect is None else effect}_{size}_{seed}"
+    name = "_".join([mix if effect is None else effect, *([setting] if setting else []), size, str(seed)])
     path = out / f"{name}.json"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
-    effects, setting = world.plan(seed, mix) if effect is None else ((effect,), "iid")
+    effects, planned = world.plan(seed, mix) if effect is None else ((effect,), "iid")
+    setting = setting or planned
     record = {"seed": seed, "size": size, "mix": mix, "effects": list(effects), "setting": setting}
     with threadpool_limits(1):
         try:

@@ -1,7 +1,7 @@
 """The causes worth a refit, refitted: at the best of their places, at the noise that they leave."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,11 @@ from veo_ti.diagnosis.score import Score, scores_of
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
-_CLOSER = 0.7  # share of the variance that a cause must leave to be worth a second fit, and
-_LOOKS = 3  # at most that a cause gets, each
+_CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
+_LOOKS = 4  # at most that a cause gets, each
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
-_MOVES = 3  # of a cause's place after its refit
-_IN_REACH = 2.0  # times the least that any leaves
+_IN_REACH, _NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
+_NEARLY = 0.2  # share of the variance that a cause must leave for its refit to go to the end
 
 Progress = Callable[[str], None]
 
@@ -53,32 +53,56 @@ def refitted(
     """The leaders at the best of their places, and the noise that the best leaves: what it explains was no noise.
 
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
-    at what it leaves, up to three times, unless another leaves far less.
+    at what it leaves, a few times, unless another leaves far less.
     """
     leaders = _narrowed(leaders, current.taken_in(), model, floor, modes, say)
-    tried = [_placed(_tried_once(found, current, model, say), model, say) for found in leaders]
-    left = [_left_by(result, modes) for result in tried]
-    weighed, reached = [model.s2] * len(tried), model.s2
+    tried = [_Tried.of(_tried_once(found, current, model, say), model.s2, modes, fine=False) for found in leaders]
+    enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(_LOOKS):
-        better = [result.tuned(model, s2) for result, s2 in zip(tried, left, strict=True)]
-        closer = [
-            i for i, s2 in enumerate(left)
-            if s2 < _IN_REACH * min(left)
-            and (s2 < _CLOSER * weighed[i] or better[i].evidence(s2) - tried[i].evidence(s2) > WORTH)
-        ]  # fmt: skip
-        for i in closer:
-            say(f"closer look at {leaders[i].name}")
-            before = better[i]
-            own = replace(model, s2=left[i], prior=before.prior[: len(before.coefficients)])
-            again = refit(
-                before.without, own, before.coefficients, cause=before.cause, place=before.place, theta=before.theta
-            )
-            tried[i], weighed[i] = _placed(again, own, say), left[i]
-            left[i] = _left_by(tried[i], modes)
-            reached = min(reached, weighed[i], left[i])
-        if not closer:
+        least, before = min((t.left for t in tried), default=0.0), tried
+        tried = [_looked(t, least, enough, model, modes, say) for t in before]
+        again = [t for t, old in zip(tried, before, strict=True) if t is not old]
+        if not again:
             break
-    return tried, reached
+        reached = min(reached, *(min(t.at, t.left) for t in again))
+    return [t.result for t in tried], reached
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """A cause that was refitted at a variance [m2], and the variance at which what it leaves counts."""
+
+    result: Refit
+    at: float
+    left: float
+    fine: bool  # whether the refit went to its end
+
+    @classmethod
+    def of(cls, result: Refit, at: float, modes: np.ndarray, *, fine: bool) -> "_Tried":
+        """Once it is refitted."""
+        scene = result.taken_in().scene
+        left = counted(scene, measure_noise(scene, modes), modes)
+        return cls(result=result, at=at, left=left, fine=fine or result.converged)
+
+
+def _looked(tried: _Tried, least: float, enough: float, model: Model, modes: np.ndarray, say: Progress) -> _Tried:
+    """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
+    refitted material; to the end if it leaves little `enough`."""
+    if tried.left > _NEARBY * least:
+        return tried
+    result, s2 = tried.result.tuned(model, tried.left), tried.left
+    cause, own = result.cause, replace(model, s2=s2, prior=result.prior[: len(result.coefficients)])
+    fine, place = s2 < enough, better_place(result, own)
+    more = result.evidence(s2) - tried.result.evidence(s2)
+    moved = place is not result.place  # places may be arrays
+    closer = s2 < _CLOSER * tried.at or more > WORTH or (fine and not tried.fine)
+    if not moved and not (closer and s2 < _IN_REACH * least):
+        return tried
+    say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
+    at, start, far = _begun(cause, place, result.coefficients, model) if moved else (place, result.coefficients, None)
+    theta = result.theta if far is None else far
+    again = refit(result.without, own, start, cause=cause, place=at, theta=theta, rough=not fine)
+    return _Tried.of(again, s2, modes, fine=fine)
 
 
 def _narrowed(
@@ -101,9 +125,12 @@ def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Re
     if current.cause is not None:
         both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
         theta = np.concatenate([current.theta, own])
-        return refit(current.without, model, start, cause=both, place=(current.place, place), theta=theta)
+        where = (current.place, place)
+        return refit(current.without, model, start, cause=both, place=where, theta=theta, rough=True)
     theta, shift = (found.theta, found.nuisances - here) if far is None else (far, None)
-    return refit(current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift)
+    return refit(
+        current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift, rough=True
+    )  # fmt: skip
 
 
 def _begun(
@@ -112,21 +139,3 @@ def _begun(
     """Where a fit at a place begins: place, coefficients, and theta where that is too far for the first order."""
     at, stiffer = cause.begin(place)
     return at, model.basis.stiffer(coefficients, stiffer), cause.known(place) if stiffer else None
-
-
-def _placed(result: Refit, model: Model, say: Progress) -> Refit:
-    """Once more where the refitted material shows a better place, as long as it does."""
-    for _ in range(_MOVES):
-        cause, place = result.cause, better_place(result, model)
-        if place is result.place:  # places may be arrays
-            break
-        say(f"{cause.name} at a better place")
-        at, start, far = _begun(cause, place, result.coefficients, model)
-        result = refit(result.without, model, start, cause=cause, place=at, theta=result.theta if far is None else far)
-    return result
-
-
-def _left_by(result: Refit, modes: np.ndarray) -> float:
-    """The variance [m2] at which the residual of a refit counts."""
-    scene = result.taken_in().scene
-    return counted(scene, measure_noise(scene, modes), modes)

@@ -10,7 +10,7 @@ from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.leaders import Progress
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Round, look
-from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, Candidate, either, explained_by, named, rivals, stands
+from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, either, explained_by, named, rivals, stands
 
 _STARTS = 2  # causes that a second one is looked for beside
 
@@ -38,8 +38,9 @@ def two_at_once(
 ) -> tuple[Round, Round] | None:  # fmt: skip
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
-    alone: a round whose verdict is "unexplained"; narrower(candidate): model and floor once that cause is part of it.
-    A second cause is looked for beside each of the two that explain most, at least half; both are refitted together.
+    alone: a round that named none; narrower(candidate): model and floor once that cause is part of it. A second cause
+    is looked for beside each of the two that explain most, at least half; both are refitted together. Beside one that
+    explains nearly all it may be a shadow, and has to be as sure as one beside a named cause.
     Where all pairs that come near have one cause in common, that one is named and the second round is ambiguous.
     """
     starts = [
@@ -49,15 +50,17 @@ def two_at_once(
     for start in sorted(starts, key=lambda c: -c.explained)[: _STARTS if causes else 0]:
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
-        found = look(start.refit, model, floor, modes, [c for c in causes if c.name != start.name], say)
-        pairs += [_Pair(first=start, second=c, found=found, model=model) for c in found.candidates if _holds(start, c)]
+        others = [c for c in causes if c.name != start.name]
+        found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]))
+        held = [c for c in found.candidates if _holds(start, c, alone)]
+        pairs += [_Pair(first=start, second=c, found=found, model=model) for c in held]
     near = _near(pairs)
     if not near or not near[0].second.settled:
         return None
     if len(near) == 1:
         best = near[0]
         return (
-            replace(alone, verdict=named(best.first), extended=best.first.refit),
+            replace(alone, verdict=named(best.first), extended=best.first.refit, experiment=None),
             replace(best.found, verdict=named(best.second), extended=best.second.refit),
         )
     shared = frozenset.intersection(*(p.names for p in near))
@@ -71,15 +74,23 @@ def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Prog
     others = [p.part(other) for p in near for other in p.names - {name}]
     experiment = separating(joint.taken_in(), others[0].refit, others[1].refit, best.model, best.found.s2)
     return (
-        replace(alone, verdict=named(best.part(name)), extended=joint),
+        replace(alone, verdict=named(best.part(name)), extended=joint, experiment=None),
         replace(best.found, verdict=either(others), extended=joint, experiment=experiment),
     )
 
 
-def _holds(first: Candidate, second: Candidate) -> bool:
-    """Whether a pair counts: each adds to the other, and what is wrong is explained."""
-    adds = min(second.gained, second.predicted) > BETTER and second.plausible
-    return adds and stands((first, second))
+def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
+    """Whether a pair counts: each adds to the other, and what is wrong is explained.
+
+    The first one has to be worth as much beside the second (Wald's test). Where some cause explains nearly all alone,
+    two may be its image, and have to explain nearly all that it leaves.
+    """
+    joint = second.refit.apart()[0]
+    there = np.max((joint.theta / np.maximum(joint.sd, 1e-300)) ** 2) / 2
+    adds = min(second.gained, second.predicted, there) > BETTER and second.plausible
+    left = 1 - explained_by((first, second))
+    least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
+    return adds and (stands((first, second)) if least is None else left <= (1 - TOGETHER) * least)
 
 
 def _near(pairs: Sequence[_Pair]) -> list[_Pair]:

@@ -58,6 +58,11 @@ class Problem:
         """The cause's parameters (d,) after a step."""
         return theta if self.cause is None else self.cause.stepped(theta, change)
 
+    def turned(self, theta: np.ndarray, before: np.ndarray) -> bool:
+        """Whether a parameter that physics wants positive ceased to be: such a body may have no equilibrium at all."""
+        positive = np.array([p.positive for p in self.cause.parameters] if self.cause else [], bool)
+        return bool(((theta <= 0) & (before > 0) & positive).any())
+
     def within(self, step: np.ndarray, most: float) -> float:
         """The share, up to one, of a step of all unknowns that changes no log mu by more than `most`."""
         return min(1.0, most / max(float(np.abs(self.model.basis.log_mu @ step[: self.materials]).max()), 1e-12))

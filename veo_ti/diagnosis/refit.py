@@ -1,6 +1,5 @@
 """A cause fitted for real: its parameters, the material and the discretisation together, by nonlinear solves."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +14,11 @@ from veo_ti.diagnosis.solved import Solved, solved
 
 _STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
-_SHARE = 1e-3  # of the cost, likewise
+_SHARE, _ROUGH = 1e-3, 1e-2  # of the cost, likewise; and where a rough fit will do
+_STALLED = 0.5  # of that, less than which a step may not bring with fresh fingerprints
 _ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _CAUTION = 1.5  # largest change of log mu in one step
-_DAMPED, _MORE, _LEAST_DAMPED = 0.1, 10.0, 1e-2  # of the curvature: at first, times, and less is none
+_DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times
 _TRIES = 5  # of a step, ever more damped; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
@@ -35,7 +35,7 @@ def refit(
     place: Any = None,
     theta: np.ndarray | None = None,
     shift: np.ndarray | None = None,
-    progress: Callable[[str], None] | None = None,
+    rough: bool = False,
 ) -> Refit:
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
@@ -43,26 +43,25 @@ def refit(
     costs less than none. History (viscous strain, damage, set) belongs to the motion that it leads to, in the slopes
     too. The discretisation enters linearly. A step that raises the cost or leads to no equilibrium is damped, what the
     data determine least most (Levenberg & Marquardt). The fingerprints serve several steps; they are renewed where a
-    step with old ones brings less than it promised.
+    step with old ones brings less than it promised. rough: to a hundredth of the cost.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem = Problem.of(scene, model, cause, place)
     state, cost = _best_start(problem, scene, start, theta, shift)
     line, fresh, damping = _linearised(problem, state), True, 0.0
     for step in range(_STEPS + 1):
-        way = _Way.of(problem, line, state)
-        if way.gain < max(_LEAST, _SHARE * cost) or way.broken(cost) or step == _STEPS:
+        way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
+        if way.gain < least or way.broken(cost) or step == _STEPS:
             break
         smaller, promised, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
-        if smaller is None and fresh:
+        brought = 0.0 if smaller is None else cost - smaller[1]
+        stalled = brought < _STALLED * least
+        if stalled and fresh:
             break
-        kept = smaller is not None and cost - smaller[1] > _KEPT * promised
         state, cost = smaller or (state, cost)
-        if not kept:
+        fresh = stalled or brought < _KEPT * promised
+        if fresh:
             line = _linearised(problem, state)
-        fresh = not kept
-        if progress is not None:
-            progress(cause.name if cause else "baseline")
     return _result(problem, state, cost, way, line)
 
 
@@ -144,11 +143,12 @@ def _lower(
         step = way.damped(damping)
         step = step * problem.within(step, _CAUTION)
         theta = problem.stepped(state.theta, step[n:])
-        trial = solved(problem, state.scene, state.coefficients + step[:n], theta, state.factors)
-        lower = _cost(problem, trial)
-        if lower < cost:
-            less = damping / _MORE if damping / _MORE >= _LEAST_DAMPED else 0.0
-            return (trial, lower), way.promised(step), damping if k else less
+        if not problem.turned(theta, state.theta):
+            trial = solved(problem, state.scene, state.coefficients + step[:n], theta, state.factors)
+            lower = _cost(problem, trial)
+            if lower < cost:
+                less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
+                return (trial, lower), way.promised(step), damping if k else less
         damping = max(_DAMPED, _MORE * damping)
     return None, 0.0, damping
 

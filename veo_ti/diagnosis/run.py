@@ -17,7 +17,7 @@ from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.verdict import MISFIT, Candidate, Verdict, stands, unexplained
+from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, stands, unexplained
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 
@@ -105,7 +105,8 @@ def _rounds(
     first: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
     say: Progress,
 ) -> list[Round]:  # fmt: skip
-    """The first look; a second one beside what it named, if that explains enough; else two causes at once.
+    """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
+    also tell apart those of which each leaves clear misfit.
 
     None is looked for in what is as small as the simulation's own error.
     """
@@ -120,8 +121,10 @@ def _rounds(
         ):
             return [first]
         return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
-    if kind not in ("named", "unexplained"):
+    if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
+    if kind == "ambiguous":
+        return list(two_at_once(first, narrower, modes, causes, say) or [first])
     alone = replace(first, verdict=unexplained(found), extended=None) if found else first
     return list(two_at_once(alone, narrower, modes, causes, say) or [alone])
 
