@@ -108,6 +108,28 @@ def test_a_pair_is_alone_only_where_no_other_comes_near():
     assert pairs._near([best, pair("a", "c", 190, leaves=0.02)]) == [best]  # it leaves what the best one explains
 
 
+@pytest.mark.parametrize(
+    ("single", "first_sd", "holds"),
+    [
+        (0.5, 0.1, True),
+        (0.5, 0.5, False),  # the first one is worth nothing any more beside the second
+        (0.98, 0.1, False),  # two images of one cause that explains nearly all alone
+        (0.92, 0.1, True),  # of which they explain nine tenths
+    ],
+)
+def test_each_of_a_pair_is_worth_its_name(single, first_sd, holds):
+    def candidate(name: str, explained: float, **more: object) -> Candidate:
+        told = SimpleNamespace(cause=SimpleNamespace(name=name), **more)
+        misfit = Misfit(energy=5.0, mean=0.0, sd=1.0)
+        return Candidate(refit=told, gained=100, predicted=100, misfit=misfit, explained=explained, settled=True,
+                         plausible=True)  # fmt: skip
+
+    joint = SimpleNamespace(theta=np.array([1.0]), sd=np.array([first_sd]))
+    first, second = candidate("a", 0.9), candidate("b", 0.93, apart=lambda: (joint, None))
+    alone = SimpleNamespace(candidates=[candidate("c", single)])
+    assert pairs._holds(first, second, alone) == holds
+
+
 def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811
     """Two hidden forces at places so near that the data cannot choose, each beside the camera's wrong scale."""
     wrong = refit(filmed, model, np.zeros(len(model.prior)))

@@ -10,6 +10,7 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import PermanentSet, Softening, StiffnessDrift, Viscoelasticity
+from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import _linearised, _lower, _Way
 from veo_ti.diagnosis.solved import Solved, solved
@@ -88,18 +89,41 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", cost)
     here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(1), theta=np.zeros(0))
-    free = SimpleNamespace(within=lambda step, most: 1.0, stepped=lambda theta, change: theta)
+    free = SimpleNamespace(
+        within=lambda step, most: 1.0, stepped=lambda theta, change: theta, turned=lambda theta, before: False
+    )  # fmt: skip
     way = _Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
 
     def lower(damping: float) -> tuple[float, float]:
         return _lower(free, here, 0.0, way, damping, 5)[1:]
 
     promised, damping = lower(0.0)
-    assert tried == pytest.approx([1.0, 1 / 1.1, 1 / 2, 1 / 11])
+    assert tried == pytest.approx([1.0, 1 / 1.01, 1 / 1.1, 1 / 2, 1 / 11])
     assert promised == pytest.approx(1 / 11 * (1 - 1 / 22)) and damping == 10.0
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])
     assert lower(0.0) == pytest.approx((0.5, 0.0))  # Newton's own step, as long as there always is one
+
+
+def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
+    """Yeoh's beta below zero leaves a body without equilibrium, which is slow to find out: such steps are damped."""
+    tried: list[float] = []
+
+    def fake(problem, near, coefficients, theta, factors):
+        tried.append(float(theta[0]))
+        return SimpleNamespace(coefficients=coefficients, theta=theta)
+
+    monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
+    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: float(trial.theta[0]))
+    beta = StrainStiffening()
+    problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
+    monkeypatch.setattr(Problem, "within", lambda self, step, most: 1.0)
+    here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(0), theta=np.array([1.0]))
+    way = _Way(normal=None, found=None, change=np.array([-1.5]), curvature=np.eye(1))
+    (state, _), _, damping = _lower(problem, here, 1.0, way, 0.0, 5)
+    assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and damping == 1.0
+    assert problem.turned(np.array([-0.1]), np.array([0.1]))
+    assert not problem.turned(np.array([-0.2]), np.array([-0.1]))  # what began there may stay
 
 
 def test_a_damped_step_goes_down_and_promises_less():
