@@ -12,7 +12,8 @@ from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, either, explained_by, named, rivals, stands
 
-_STARTS = 2  # causes that a second one is looked for beside
+_STARTS, _MOST = 2, 4  # causes that a second one is looked for beside; and with those that explain
+_ALIKE = 0.05  # less at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,15 +40,17 @@ def two_at_once(
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
     alone: a round that named none; narrower(candidate): model and floor once that cause is part of it. A second cause
-    is looked for beside each of the two that explain most, at least half; both are refitted together. Beside one that
-    explains nearly all it may be a shadow, and has to be as sure as one beside a named cause.
-    Where all pairs that come near have one cause in common, that one is named and the second round is ambiguous.
+    is looked for beside each of the two that explain most, at least half, and beside those that explain nearly as much;
+    both are refitted together. Beside one that explains nearly all it may be a shadow, and has to be as sure as one
+    beside a named cause. Where all pairs that come near have one cause in common, that one is named and the second
+    round is ambiguous.
     """
     starts = [
         c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
     ]
     pairs: list[_Pair] = []
-    for start in sorted(starts, key=lambda c: -c.explained)[: _STARTS if causes else 0]:
+    starts = sorted(starts, key=lambda c: -c.explained)[: _MOST if causes else 0]
+    for start in [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]:
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
         others = [c for c in causes if c.name != start.name]
