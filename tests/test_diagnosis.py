@@ -14,7 +14,7 @@ from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
 from veo_ti.diagnosis.causes.dynamics import Damping, Inertia
-from veo_ti.diagnosis.columns import directions_of, discretisation
+from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
 from veo_ti.diagnosis.moments import moments
@@ -187,12 +187,6 @@ def test_noise_that_lasts_goes_on_evenly_and_missing_physics_does_not(scene, bas
     assert even(lasting) > 0.5
     assert even(load * wave) < 0.2
     assert not even(np.broadcast_to(wave, scene.y.shape))  # it stays, as a constant force would make it
-
-
-def test_discretisation_columns_are_small_beside_the_motion(scene):
-    motion = np.linalg.norm(scene.y - scene.cloud.x)
-    for known in discretisation(scene):
-        assert 0 < np.linalg.norm(known.motion) < 0.5 * motion
 
 
 def test_gain_is_judged_on_held_out_frames_only():

@@ -113,10 +113,8 @@ def discretisation(scene: Scene) -> tuple[Known, ...]:
     error, each column in the size that is to be expected."""
     elastic, cloud = scene.energy.elastic, scene.cloud
     lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
-    others = [
-        Elastic.neo_hookean(RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=o), lame)
-        for o in _OTHER_CLOUDS
-    ]
+    clouds = [_rebuilt(cloud, options) for options in _OTHER_CLOUDS]
+    others = [Elastic.neo_hookean(other, lame) for other in clouds if other is not None]
     ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1 / _SHARE) for o in others]
 
     def forces(index: np.ndarray) -> np.ndarray:
@@ -125,3 +123,11 @@ def discretisation(scene: Scene) -> tuple[Known, ...]:
     motion = np.stack(list(responses(scene.energy, scene.y, forces)), axis=1)
     most = _MOST * np.linalg.norm(scene.y - cloud.x)
     return tuple(Known(motion=m * min(1.0, most / max(np.linalg.norm(m), 1e-300))) for m in motion)
+
+
+def _rebuilt(cloud: RestCloud, options: CloudOptions) -> RestCloud | None:
+    """The cloud with another choice; None where so few neighbours do not surround every point."""
+    try:
+        return RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=options)
+    except ValueError:
+        return None
