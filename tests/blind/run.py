@@ -62,7 +62,7 @@ def _run_task(task: tuple) -> dict:
     return run_one(*task)
 
 
-def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None, setting: str | None = None) -> dict:
+def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None, setting: str | None) -> dict:
     """The record of one trial, made now or read where it was made before."""
     name = "_".join([mix if effect is None else effect, *([setting] if setting else []), size, str(seed)])
     path = out / f"{name}.json"

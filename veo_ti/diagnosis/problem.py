@@ -60,8 +60,7 @@ class Problem:
 
     def turned(self, theta: np.ndarray, before: np.ndarray) -> bool:
         """Whether a parameter that physics wants positive ceased to be: such a body may have no equilibrium at all."""
-        positive = np.array([p.positive for p in self.cause.parameters] if self.cause else [], bool)
-        return bool(((theta <= 0) & (before > 0) & positive).any())
+        return self.cause is not None and bool(((theta <= 0) & (before > 0) & self.cause.positive).any())
 
     def within(self, step: np.ndarray, most: float) -> float:
         """The share, up to one, of a step of all unknowns that changes no log mu by more than `most`."""

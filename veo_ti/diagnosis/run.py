@@ -123,9 +123,7 @@ def _rounds(
         return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
-    if kind == "ambiguous":
-        return list(two_at_once(first, narrower, modes, causes, say) or [first])
-    alone = replace(first, verdict=unexplained(found), extended=None) if found else first
+    alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first
     return list(two_at_once(alone, narrower, modes, causes, say) or [alone])
 
 

@@ -102,10 +102,14 @@ class Cause:
         """The place in words, or nothing."""
         return ""
 
+    @property
+    def positive(self) -> np.ndarray:
+        """Which parameters physics wants positive, (d,)."""
+        return np.array([p.positive for p in self.parameters], bool)
+
     def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
         """Whether physics allows these parameters."""
-        positive = np.array([p.positive for p in self.parameters])
-        return bool((theta[positive] > 0).all())
+        return bool((theta[self.positive] > 0).all())
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The parameters (d,) after a step, `most - (most - theta) exp(-change / (most - theta))`, which is never met.
