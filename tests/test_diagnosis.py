@@ -17,7 +17,7 @@ from veo_ti.diagnosis.causes.dynamics import Damping, Inertia
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
-from veo_ti.diagnosis.moments import moments
+from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.noise import evenness, measure_noise
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Misfit, Statistics
@@ -121,7 +121,7 @@ def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(ca
     ahead, behind = (cause.change(s, theta, place).observe(s.y, frames) for s in (solved(step), solved(-step)))
     slope = (ahead - behind) / np.linalg.norm(2 * step)
     carried = cause.carried(here, theta, place)
-    found = moments(here, basis, 0 * step, (), (), carried=carried, keep=True)
+    found = moments(here, basis, 0 * step, (), (), along=Along(carried=carried), keep=True)
     plain = moments(here, basis, 0 * step, (), (), keep=True)
     column, without = (np.stack([X[2] for X in m.kept.columns]) for m in (found, plain))
     expected = np.stack([slope[t, scene.target.seen[t]].ravel() for t in found.kept.frames])

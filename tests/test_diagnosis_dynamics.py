@@ -63,5 +63,5 @@ def test_with_forces_to_scale_the_mass_is_found_too(ringing):
     best = min(Inertia().places(scaled), key=lambda place: left(scaled, place))
     assert best.stiffer == pytest.approx(STIFFER, abs=0.08)
     assert best.share == pytest.approx(4.0, rel=0.15)  # tried in such steps
-    assert Inertia().plausible(scaled, np.array([best.share]))
-    assert not Inertia().plausible(ringing, np.array([best.share]))
+    assert Inertia().plausible(scaled, np.array([best.share]), np.zeros(1))
+    assert not Inertia().plausible(ringing, np.array([best.share]), np.zeros(1))

@@ -80,7 +80,9 @@ def trial(
     seen = tracking.tracked(streams[2], clean, sigma, setting, scene.built.spacing)
     scene = replace(scene, density=next((a for h, a in zip(hidden, amounts, strict=True) if h.density), scene.density))
     scale = float(np.exp(streams[2].uniform(-0.7, 0.7))) if setting == "force_scale" else 1.0
-    keys = _keys(scene, seen, effects, scale, clean[0])
+    # That gravity is stated must not tell that it matters, nor may it be missing where it does.
+    stated = bool(set(effects) & {"gravity_direction", "prestress"}) or streams[2].random() < 0.5
+    keys = _keys(scene, seen, scale, clean[0], gravity=-of_loads.GRAVITY if stated else 0.0)
     raw = _rms(clean - plain, scene)
     truth = {
         "seed": seed, "size": size, "effects": list(effects), "outside": any(e in OUTSIDE for e in effects),
@@ -127,7 +129,7 @@ def _simulated(
 
 
 def _keys(
-    scene: Scene, seen: tracking.Tracked, effects: tuple[str, ...], scale: float, rest: np.ndarray
+    scene: Scene, seen: tracking.Tracked, scale: float, rest: np.ndarray, *, gravity: float
 ) -> dict[str, np.ndarray]:
     """The measurement as the observation format has it; nothing in it tells the effect."""
     built, shots = scene.built, [scene.program.at(float(t)) for t in scene.time]
@@ -137,7 +139,7 @@ def _keys(
         "points": seen.points.astype(np.float32), "forces": forces.astype(np.float32), "time": scene.time,
         "fixed": built.fixed, "surface": built.surface, "volume": volume, "mass": np.float64(
             scene.density * built.body.volume.sum()),
-        "gravity": np.array([0, 0, -of_loads.GRAVITY if set(effects) & {"gravity_direction", "prestress"} else 0.0]),
+        "gravity": np.array([0, 0, gravity]),
         "nozzle_position": np.stack([s.position for s in shots]),
         "nozzle_direction": np.stack([s.direction for s in shots]),
         "nozzle_force": scale * np.array([s.force for s in shots]),

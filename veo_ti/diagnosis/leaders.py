@@ -55,7 +55,7 @@ def refitted(
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
     at what it leaves, a few times, unless another leaves far less.
     """
-    leaders = _narrowed(leaders, current.taken_in(), model, floor, modes, say)
+    leaders = _narrowed(leaders, current, model, floor, modes, say)
     tried = [_Tried.of(_tried_once(found, current, model, say), model.s2, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(_LOOKS):

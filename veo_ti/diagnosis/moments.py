@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from sim.basis import Basis
 from sim.evidence import Normal
 from sim.lame import Lame
 from sim.sensitivity import Past, parameter_forces, responses, responses_in_turn
-from veo_ti.diagnosis.causes.base import Carried, Change
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change
 from veo_ti.diagnosis.columns import Direction, Known
 from veo_ti.diagnosis.scene import Scene
 
@@ -59,6 +60,30 @@ class Moments:
     kept: Fingerprints
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Along:
+    """What goes along with every fingerprint where a cause is part of the model.
+
+    companion: its change in force that is proportional to the material; carried: what tracking shows of a change of
+    motion and material beyond that motion; remembered: what frames pass on to later ones.
+    """
+
+    companion: Callable[[Scene], Change] | None = None
+    carried: Carried | None = None
+    remembered: Sequence[Past] = ()
+
+    @classmethod
+    def with_cause(cls, cause: Cause | None, scene: Scene, theta: np.ndarray, place: Any) -> "Along":
+        """Of a cause at theta (d,) in the scene that it is part of; nothing for none."""
+        if cause is None:
+            return cls()
+        proportional = cause.companion(scene, theta, place) is not None
+        return cls(
+            companion=partial(cause.companion, theta=theta, place=place) if proportional else None,
+            carried=cause.carried(scene, theta, place), remembered=cause.remembered(scene, theta, place),
+        )  # fmt: skip
+
+
 def moments(
     scene: Scene,
     basis: Basis,
@@ -66,19 +91,16 @@ def moments(
     extra: Sequence[Known],
     directions: Sequence[Direction],
     *,
-    companion: Callable[[Scene], Change] | None = None,
-    carried: Carried | None = None,
-    remembered: Sequence[Past] = (),
+    along: Along = Along(),
     residual: np.ndarray | None = None,
     modes: np.ndarray | None = None,
     keep: bool = False,
 ) -> Moments:
     """Solve for all fingerprints, frame by frame, and accumulate.
 
-    a (K,): material coefficients; extra: further nuisances; companion: a change in force that is proportional to the
-    material; carried: what tracking shows of a change of motion and material beyond that motion; remembered: what
-    frames pass on to later ones; residual (T, N, 3): default the scene's; modes (N, S): smooth in space, paired with
-    cosines in time over the training frames; keep: the columns too, but for those of the modes.
+    a (K,): material coefficients; extra: further nuisances; along: what a cause makes of them all; residual (T, N, 3):
+    default the scene's; modes (N, S): smooth in space, paired with cosines in time over the training frames; keep: the
+    columns too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
     residual = scene.residual if residual is None else residual
@@ -87,10 +109,10 @@ def moments(
     kept: list[np.ndarray] = []
     m = scene.energy.elastic.m
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
-    solved = _solved(scene, partial(_all_forces, scene, ways, companion, pushing), frames, remembered)
+    solved = _solved(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
 
     def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        for n, S in enumerate(solved if carried is None else _carried(solved, ways, carried, frames)):
+        for n, S in enumerate(solved if along.carried is None else carried(solved, ways, along.carried, frames)):
             t, index = frames[n], frames[n : n + 1]
             if pushing:
                 S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
@@ -147,13 +169,11 @@ def _summed(columns: Iterable[tuple[np.ndarray, np.ndarray]]) -> Normal:
     return Normal(A=A, b=b, c=c, count=count)
 
 
-def _carried(
-    solved: Iterable[np.ndarray], ways: np.ndarray, carried: Carried, frames: np.ndarray
-) -> Iterator[np.ndarray]:
-    """The material's columns, the first of S (M, N, 3) of every frame, as tracking shows them."""
-    every = np.stack(list(solved))
-    for k, way in enumerate(ways):
-        every[:, k] += carried(every[:, k], frames, way)
+def carried(solved: Iterable[np.ndarray], ways: np.ndarray, on: Carried, frames: np.ndarray) -> Iterator[np.ndarray]:
+    """The motions S (M, N, 3) of every frame as tracking shows them; the first are the material's, ways (K, N, 2)."""
+    every, same = np.stack(list(solved)), np.zeros(ways.shape[1:])
+    for k in np.flatnonzero(every.any(axis=(0, 2, 3))):
+        every[:, k] += on(every[:, k], frames, ways[k] if k < len(ways) else same)
     yield from every
 
 

@@ -10,7 +10,7 @@ from sim.sensitivity import responses
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Fingerprints
+from veo_ti.diagnosis.moments import Along, Fingerprints, carried
 from veo_ti.diagnosis.scene import Scene
 
 _WORTH = 3.0  # nats that another place must promise
@@ -23,12 +23,13 @@ def better_place(result: Refit, model: Model) -> Any:
     any other is taken from its place to another as it is.
     """
     scene, cause = result.scene, result.cause
-    follows = cause.carried(scene, result.theta, result.place) is not None
+    beside = Along.with_cause(cause, scene, result.theta, result.place)
+    follows = beside.carried is not None and not cause.change(scene, result.theta, result.place).terms
     others = cause.places(result.without) if follows else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if len(places) == 1:
         return result.place
-    evidence = _as_new(result, model, places) if follows else _moved(result, model, places)
+    evidence = _as_new(result, model, places) if follows else _moved(result, model, places, beside)
     best = int(np.argmax(evidence))
     return places[best] if evidence[best] > evidence[0] + _WORTH else result.place
 
@@ -46,7 +47,7 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
     return np.array(found)
 
 
-def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
+def _moved(result: Refit, model: Model, places: Sequence[Any], beside: Along) -> np.ndarray:
     """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full."""
     scene, cause, theta = result.scene, result.cause, result.theta
     here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
@@ -56,7 +57,10 @@ def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
     ]
     frames, residual, prior = result.kept.frames, scene.target.residual(result.simulated), result.prior
     taken = np.repeat(residual[None], len(places), axis=0)
-    for t, S in zip(frames, _pushed(scene, ways, frames), strict=True):
+    motion = _pushed(scene, ways, frames)
+    if beside.carried is not None:
+        motion = carried(motion, np.zeros((0, scene.cloud.count, 2)), beside.carried, frames)
+    for t, S in zip(frames, motion, strict=True):
         seen = scene.target.seen[t]
         taken[1:, t, seen] -= S[:, seen]
     return np.array([_evidence(result, len(prior), None, result.around, r, prior, model) for r in taken])

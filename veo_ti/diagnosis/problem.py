@@ -1,7 +1,7 @@
 """What a refit varies, its residual and its cost, and how they answer to a little of everything."""
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from sim.newton import LinearSolver
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import Model, change_of, shown_by
-from veo_ti.diagnosis.moments import Fingerprints, moments
+from veo_ti.diagnosis.moments import Along, Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
 
 
@@ -93,13 +93,9 @@ class Problem:
         """Fresh fingerprints."""
         cause, place = self.cause, self.place
         own = [] if cause is None else directions_of(cause, scene, place, theta)
-        companion = None
-        if cause is not None and cause.companion(scene, theta, place) is not None:
-            companion = partial(cause.companion, theta=theta, place=place)
         found = moments(
-            scene, self.model.basis, coefficients[: self.materials], self.model.extra, own, companion=companion,
-            carried=None if cause is None else cause.carried(scene, theta, place),
-            remembered=() if cause is None else cause.remembered(scene, theta, place), keep=True,
+            scene, self.model.basis, coefficients[: self.materials], self.model.extra, own,
+            along=Along.with_cause(cause, scene, theta, place), keep=True,
         )  # fmt: skip
         return Line(problem=self, A=found.normal.A, kept=found.kept)
 

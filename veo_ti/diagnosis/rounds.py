@@ -57,7 +57,7 @@ def look(
     """
     taken = current.taken_in()
     say("fingerprints of all causes")
-    statistics, scores = scores_of(taken, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
+    statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
     quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
     if misfit.z < MISFIT:
@@ -108,5 +108,5 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
         refit=result, gained=gained, predicted=predicted, misfit=left,
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
-        plausible=result.cause.plausible(result.scene, result.theta) and bool(np.isfinite(result.short)),
+        plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from sim.evidence import Posterior, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Moments, moments, moments_of
+from veo_ti.diagnosis.moments import Along, Moments, moments, moments_of
 from veo_ti.diagnosis.visible import least_visible
 
 _SURE = 4.3  # standard deviations: 3 for a false alarm in 700, 1.3 for nine in ten
@@ -157,8 +157,9 @@ def _at(statistics: Statistics, cause: Cause, widths: np.ndarray, columns: np.nd
 def scores_of(
     current: Refit, model: Model, floor: float, modes: np.ndarray, tries: Sequence[tuple[Cause, Sequence[Any]]]
 ) -> tuple[Statistics, tuple[Score, ...]]:
-    """The score at a state of every cause over its places, best first."""
-    scene = current.scene
+    """The score of every cause over its places beside what `current` holds, best first; that stays as it is."""
+    taken, beside = current.taken_in(), Along.with_cause(current.cause, current.scene, current.theta, current.place)
+    scene = taken.scene
     directions: list[Direction] = []
     table = []
     for cause, places in tries:
@@ -170,10 +171,10 @@ def scores_of(
         table.append((cause, places, np.array(columns)))
     K = model.basis.log_mu.shape[1]
     found = moments(
-        scene, model.basis, current.around[:K], model.extra, directions,
-        residual=scene.target.residual(current.simulated), modes=modes,
+        scene, model.basis, taken.around[:K], model.extra, directions, along=beside,
+        residual=scene.target.residual(taken.simulated), modes=modes,
     )  # fmt: skip
-    statistics = Statistics(moments=found, s2=model.s2, prior=current.prior)
+    statistics = Statistics(moments=found, s2=model.s2, prior=taken.prior)
     least = least_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     scores = [
         score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)

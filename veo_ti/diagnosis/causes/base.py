@@ -107,8 +107,8 @@ class Cause:
         """Which parameters physics wants positive, (d,)."""
         return np.array([p.positive for p in self.parameters], bool)
 
-    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
-        """Whether physics allows these parameters."""
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
+        """Whether physics allows these parameters (d,), known to `spread` (d,)."""
         return bool((theta[self.positive] > 0).all())
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:

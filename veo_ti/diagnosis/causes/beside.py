@@ -56,12 +56,10 @@ class Beside(Cause):
         return np.concatenate([cause.stepped(theta[own], change[own]) for cause, own in self.parts])
 
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
-        """One of both moved, unless one only follows the motion."""
-        if any(type(cause).carried is not Cause.carried for cause, _ in self.parts):
-            return ()
+        """One of both moved, if it is not one that only follows the motion."""
         first, second = place
-        moved = [(to, second) for to in self.found.near(scene, first)]
-        return moved + [(first, to) for to in self.other.near(scene, second)]
+        moved = [] if _lags(self.found) else [(to, second) for to in self.found.near(scene, first)]
+        return moved if _lags(self.other) else moved + [(first, to) for to in self.other.near(scene, second)]
 
     def places(self, scene: Scene) -> Sequence[Places]:
         """None: both have been placed."""
@@ -71,13 +69,18 @@ class Beside(Cause):
         """The second one's place in words."""
         return self.other.describe(scene, place[1])
 
-    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """Both are."""
-        return all(cause.plausible(scene, theta[own]) for cause, own in self.parts)
+        return all(cause.plausible(scene, theta[own], spread[own]) for cause, own in self.parts)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Both ones'."""
         return np.concatenate([cause.widths(scene) for cause, _ in self.parts])
+
+
+def _lags(cause: Cause) -> bool:
+    """Whether it shows as a motion that lags, and pushes nothing."""
+    return type(cause).carried is not Cause.carried
 
 
 def _joined(changes: Sequence[Change]) -> Change:

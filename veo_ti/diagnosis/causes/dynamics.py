@@ -73,7 +73,7 @@ class Inertia(Cause):
         """The object is made stiffer, and rings at its own stiffness."""
         return replace(place, stiffer=0.0), place.stiffer
 
-    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A mass that was weighed is not off by more than the linear vibrations may be."""
         return bool(abs(theta[0] - 1) < _WEIGHED if scene.observation.force_scale_known else theta[0] > 0)
 

@@ -37,7 +37,7 @@ class Disconnection(Cause):
         spots = (spot, *(int(s) for s in scene.spots_near(spot, 8)))
         return [(s, n, share * reach) for s in spots for share in (0.7, 1.0, 1.4)]
 
-    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A cut leaves little."""
         return bool(theta[0] > _LEAST)
 

@@ -14,6 +14,7 @@ from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
+_BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a scale or a time constant, for a closer look
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
 
 
@@ -45,6 +46,10 @@ class Softening(Cause):
         """I0, shares of the 90th percentile over the object of the largest I before any refit."""
         worst = strain_energy(scene).max(axis=0)
         return [share * max(float(np.quantile(worst, 0.9)), 1e-9) for share in _SCALES]
+
+    def near(self, scene: Scene, place: float) -> Sequence[float]:
+        """Scales in between."""
+        return [place * factor for factor in _BETWEEN]
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """No further than stress rises with strain."""
@@ -83,7 +88,7 @@ class Viscoelasticity(Cause):
 
     def near(self, scene: Scene, place: float) -> Sequence[float]:
         """Time constants in between."""
-        return [place * factor for factor in (0.5, 0.7, 1.4, 2.0)]
+        return [place * factor for factor in _BETWEEN]
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""

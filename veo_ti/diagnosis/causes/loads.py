@@ -15,6 +15,7 @@ from veo_ti.diagnosis.scene import Scene
 
 NEAR = 12  # spots of a closer look
 _SPREAD = 2.0  # spacings, where nothing else is known
+_TILT = 5.0  # standard deviations, by which a tilt may change the strength of gravity
 
 
 def added(force: np.ndarray) -> Change:
@@ -210,7 +211,7 @@ class HiddenTether(AtSpot):
 
 
 class GravityDirection(Cause):
-    """f_i = m_i a, absent in the reference pose."""
+    """f_i = m_i a, absent in the reference pose; |g + a| = |g| where the measurement says what gravity g is."""
 
     name = "gravity_direction"
     sentence = "The object is tilted against gravity compared with its reference pose."
@@ -220,6 +221,14 @@ class GravityDirection(Cause):
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """A change of gravity after the reference frame."""
         return added(scene.moving * scene.mass[:, None] * theta)
+
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
+        """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""
+        g = np.asarray(scene.observation.gravity)
+        tilted = g + theta
+        before, after = np.linalg.norm(g), max(float(np.linalg.norm(tilted)), 1e-300)
+        unsure = np.linalg.norm(spread * tilted / after)
+        return not before or not scene.observation.force_scale_known or bool(abs(after - before) < _TILT * unsure)
 
 
 def _at(scene: Scene, time: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ class StrainStiffening(Cause):
         """A tangent about three times as stiff where the strain is among the largest twentieth."""
         return np.array([1 / max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6)])
 
-    def plausible(self, scene: Scene, theta: np.ndarray) -> bool:
+    def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A stress up to seven times as high there: what grows stiffer by more at once is something that closes."""
         return bool(0 < theta[0] < 3 * self.widths(scene)[0])
 
