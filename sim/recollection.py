@@ -103,6 +103,7 @@ class PassingDamage:
 
     def __init__(self, what: Damaged) -> None:
         self._what, self._largest = what, np.zeros((1, what.y.shape[1]))
+        self._frame, self._whole = -1, np.zeros(0)  # that was asked for last, and what its stencils would lose in all
 
     def force(self, frame: int) -> np.ndarray:
         """Where earlier frames did the damage, (K, N, 3) [N]."""
@@ -121,17 +122,15 @@ class PassingDamage:
         self._largest = np.where(self._what.fresh[frame], self._load(frame, change), self._largest)
 
     def _load(self, frame: int, change: np.ndarray) -> np.ndarray:
-        """`dI = 2 (F - F^-T) : dF`, (K, N)."""
+        """`dI = 2 (1 - C^-1) : dE`, (K, N)."""
         F = self._what.F[frame]
-        slope = 2 * (F - np.linalg.inv(F).swapaxes(1, 2))
-        return np.einsum("nab,knab->kn", slope, _gradient(self._what.elastic.stencil, change))
+        slope = 2 * (np.eye(3) - np.linalg.inv(F.swapaxes(1, 2) @ F))
+        return np.einsum("nab,knab->kn", slope, self._what.elastic.stencil.strained(change, F))
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        weight = -what.share * damage_slope(what.D[frame], what.scale) * load
-        return -what.lost(weight).gradient(np.repeat(what.y[frame : frame + 1], len(weight), axis=0))
-
-
-def _gradient(stencil: Stencil, change: np.ndarray) -> np.ndarray:
-    """dF (K, N, 3, 3)."""
-    return stencil.cloud.deformation_gradient(stencil.cloud.x + change) - np.eye(3)
+        if frame != self._frame:
+            everywhere = np.ones((1, load.shape[1]))
+            self._frame, self._whole = frame, what.lost(everywhere).each(what.y[frame : frame + 1])[0]
+        slope = what.share * damage_slope(what.D[frame], what.scale)
+        return what.elastic.stencil.gathered(self._whole, slope * load)

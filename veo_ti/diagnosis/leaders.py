@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,53 +57,68 @@ def refitted(
     at what it leaves, a few times, unless another leaves far less.
     """
     leaders = _narrowed(leaders, current, model, floor, modes, say)
-    tried = [_Tried.of(_tried_once(found, current, model, say), model.s2, modes, fine=False) for found in leaders]
+    tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(_LOOKS):
         least, before = min((t.left for t in tried), default=0.0), tried
-        tried = [_looked(t, least, enough, model, modes, say) for t in before]
+        tried = [_looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:
             break
-        reached = min(reached, *(min(t.at, t.left) for t in again))
+        reached = min(reached, *(min(t.model.s2, t.left) for t in again))
     return [t.result for t in tried], reached
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Tried:
-    """A cause that was refitted at a variance [m2], and the variance at which what it leaves counts."""
+    """A cause that was refitted under a model, and the variance [m2] at which what it leaves counts."""
 
     result: Refit
-    at: float
+    model: Model
     left: float
     fine: bool  # whether the refit went to its end
 
     @classmethod
-    def of(cls, result: Refit, at: float, modes: np.ndarray, *, fine: bool) -> "_Tried":
+    def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "_Tried":
         """Once it is refitted."""
         scene = result.taken_in().scene
         left = counted(scene, measure_noise(scene, modes), modes)
-        return cls(result=result, at=at, left=left, fine=fine or result.converged)
+        return cls(result=result, model=model, left=left, fine=fine or result.converged)
+
+    @cached_property
+    def tuned(self) -> Refit:
+        """Under the prior of highest evidence at what it leaves."""
+        return self.result.tuned(self.model, self.left)
+
+    @cached_property
+    def following(self) -> Model:
+        """The model of the next fit."""
+        return replace(self.model, s2=self.left, prior=self.tuned.prior[: len(self.tuned.coefficients)])
+
+    @cached_property
+    def place(self) -> Any:
+        """Of the next fit."""
+        return better_place(self.tuned, self.following)
 
 
-def _looked(tried: _Tried, least: float, enough: float, model: Model, modes: np.ndarray, say: Progress) -> _Tried:
+def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> _Tried:
     """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
     refitted material; to the end if it leaves little `enough`."""
     if tried.left > _NEARBY * least:
         return tried
-    result, s2 = tried.result.tuned(model, tried.left), tried.left
-    cause, own = result.cause, replace(model, s2=s2, prior=result.prior[: len(result.coefficients)])
-    fine, place = s2 < enough, better_place(result, own)
-    more = result.evidence(s2) - tried.result.evidence(s2)
+    result, s2, place = tried.tuned, tried.left, tried.place
+    cause, fine, more = result.cause, s2 < enough, result.evidence(s2) - tried.result.evidence(s2)
     moved = place is not result.place  # places may be arrays
-    closer = s2 < _CLOSER * tried.at or more > WORTH or (fine and not tried.fine)
+    closer = s2 < _CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
     if not moved and not (closer and s2 < _IN_REACH * least):
         return tried
     say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
-    at, start, far = _begun(cause, place, result.coefficients, model) if moved else (place, result.coefficients, None)
+    start, far = result.coefficients, None
+    if moved:
+        place, start, far = _begun(cause, place, start, tried.model)
     theta = result.theta if far is None else far
-    again = refit(result.without, own, start, cause=cause, place=at, theta=theta, rough=not fine)
-    return _Tried.of(again, s2, modes, fine=fine)
+    again = refit(result.without, tried.following, start, cause=cause, place=place, theta=theta, rough=not fine)
+    return _Tried.of(again, tried.following, modes, fine=fine)
 
 
 def _narrowed(
