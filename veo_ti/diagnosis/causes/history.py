@@ -15,22 +15,36 @@ from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
 _BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a scale or a time constant, for a closer look
+_SETTLING = 3.0  # time constants in a measurement
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
 
 
 class StiffnessDrift(Cause):
-    """mu, lam become mu, lam (1 + d t / T)."""
+    """mu, lam become mu, lam (1 + d t / T), or settle: (1 + d (1 - exp(-k t / T)) / (1 - exp(-k)))."""
 
     name = "stiffness_drift"
     sentence = "The whole object grows stiffer (or softer) with time, whatever the load."
     parameters = (Parameter(name="drift", unit="1/session", sd=0.15),)
     material = True
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """Growing evenly from the first frame to the last."""
+    def places(self, scene: Scene) -> Sequence[float]:
+        """k: evenly, or for the most part in the first third."""
+        return (0.0, _SETTLING)
+
+    def near(self, scene: Scene, place: float) -> Sequence[float]:
+        """Sooner, later, and the other one."""
+        return (place / 2, 2 * place, 0.0) if place else (_SETTLING / 2, _SETTLING)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
+        """From nothing in the first frame to all of it in the last."""
         t = (scene.time - scene.time[0]) / np.ptp(scene.time)
-        weight = theta[0] * np.repeat(t[:, None], scene.cloud.count, axis=1)
+        grown = np.expm1(-place * t) / np.expm1(-place) if place else t
+        weight = theta[0] * np.repeat(grown[:, None], scene.cloud.count, axis=1)
         return extra(scene, NeoHookean, scene.energy.elastic.m, weight, stabilised=True)
+
+    def describe(self, scene: Scene, place: float) -> str:
+        """How soon."""
+        return f"settling with a time constant of {np.ptp(scene.time) / place:.3g} s" if place else "evenly"
 
 
 class Softening(Cause):
