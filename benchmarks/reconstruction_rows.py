@@ -11,10 +11,11 @@ import torch
 from scipy.spatial import cKDTree
 
 from benchmarks.table import Row
+from recon.cameras import Camera
 from recon.plush.reconstruction import read_plush
 from recon.quality.similarity import psnr
 from recon.radiance.extraction import Cloud4D
-from recon.radiance.rendering import render
+from recon.radiance.rendering import STILL, render
 from recon.radiance.training import Trained, TrainOptions, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
@@ -84,7 +85,11 @@ def judged(filmed: Filmed, picture: Callable[[object, int], np.ndarray]) -> floa
 def picture_row(filmed: Filmed, work: Work, what: str, *, least: float, most: float) -> Row:
     """Held-out quality and the time it took, against both targets."""
     trained = work.trained
-    found = judged(filmed, lambda camera, frame: render(trained.field, trained.occupancy, camera, frame=frame).colour)
+
+    def picture(camera: Camera, frame: int) -> np.ndarray:
+        return render(trained.field, trained.occupancy, camera, frame=frame, fineness=STILL).colour
+
+    found = judged(filmed, picture)
     return Row(
         what=f"{what}: PSNR on the object's pixels of {len(filmed.judges.cameras)} held-out cameras, training time",
         figure=f"{found:.1f} dB in {work.took}", target=f">= {least:g} dB in <= {most:g} s",

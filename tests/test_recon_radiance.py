@@ -93,6 +93,31 @@ def test_cloud_fills_the_object_with_its_skin_flagged(cloud):
     assert depth[cloud.surface].mean() > depth[~cloud.surface].mean() + 0.15
 
 
+def test_the_more_rays_a_pixel_has_the_better_it_shows_how_much_an_edge_covers(cameras):
+    """Of a solid whose edge runs through the camera itself, so that it is a straight line in the picture."""
+    camera = cameras[0]
+    right, down = camera.T_camera_world[:2, :3]
+    normal = np.cos(0.4) * right + np.sin(0.4) * down
+    steps = np.linspace(-0.06, 0.06, 13)
+    occupancy = cloud_occupancy(np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3), cut=0.02, cells=32)
+
+    def solid(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        inside = (places - torch.from_numpy(camera.centre).float()) @ torch.from_numpy(normal).float() < 0
+        return 1e5 * inside, torch.ones(len(places), 3)
+
+    around = (np.array(camera.size) // 2)[None, None] + np.stack(np.meshgrid(*[np.arange(-3.0, 4)] * 2), -1)
+    within = (np.stack(np.meshgrid(*[np.arange(32)] * 2), -1).reshape(-1, 2) + 0.5) / 32 - 0.5
+    covered = (camera.rays(around[:, :, None] + within) @ normal < 0).mean(axis=2)
+    columns, rows = np.moveaxis(around.astype(int), -1, 0)
+    off = {}
+    for fineness in (1, 2, 4):
+        shown = render(solid, occupancy, camera, fineness=fineness)
+        off[fineness] = np.abs(shown.opacity[rows, columns] - covered).max()
+    assert off[1] > 0.25 and off[2] < 0.25 and off[4] < 0.1
+    with pytest.raises(ValueError, match="fineness must be at least 1; got 0"):
+        render(solid, occupancy, camera, fineness=0)
+
+
 def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, cameras):
     """A shift nobody filmed, against the picture of the shifted ellipsoid; before it, something opaque hides it."""
     shift, camera = np.array([-0.02, 0.03, 0.015]), cameras[TRAIN]
@@ -107,7 +132,9 @@ def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, ca
     assert (shown.opacity[matte] > 0.5).mean() > 0.93
     shape = camera.size[::-1]
     wall = Picture(colour=np.full((*shape, 3), 0.5), opacity=np.ones(shape), depth=np.full(shape, 0.3))
-    assert render(field, occupancy, camera, behind=wall).colour == pytest.approx(wall.colour, abs=1e-6)
+    for fineness in (1, 2):
+        hidden = render(field, occupancy, camera, behind=wall, fineness=fineness)
+        assert hidden.colour == pytest.approx(wall.colour, abs=1e-6) and hidden.depth == pytest.approx(wall.depth)
     far = replace(wall, depth=np.full(shape, 3.0))
     both = render(field, occupancy, camera, behind=far).colour
     assert both[matte] == pytest.approx((shown.colour + (1 - shown.opacity)[..., None] * 0.5)[matte], abs=1e-5)

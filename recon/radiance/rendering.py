@@ -11,6 +11,7 @@ from recon.radiance.fields import Field
 from recon.radiance.marching import Occupancy, Samples, march
 from sim.checks import require
 
+STILL = 2  # fineness of a picture that is no film's: a pixel of a filmed one is the mean of what it covers, too
 _CHUNK = 1 << 14  # rays at a time
 
 
@@ -43,13 +44,19 @@ def along(
 
 @torch.no_grad()
 def render(
-    field: Field, occupancy: Occupancy, camera: Camera, *, frame: int = 0, behind: Picture | None = None
-) -> Picture:
-    """What a camera sees of a field in a frame of the occupancy.
+    field: Field, occupancy: Occupancy, camera: Camera, *, frame: int = 0, behind: Picture | None = None,
+    fineness: int = 1,
+) -> Picture:  # fmt: skip
+    """What a camera sees of a field in a frame of the occupancy, a pixel the mean of `fineness^2` rays.
 
     behind: another picture of the same camera, such as a mesh that pushes the object: rays end where it is opaque, and
-    what they leave clear shows it. Raises ValueError when it has another size.
+    what they leave clear shows it. Raises ValueError when it has another size, or when fineness is below one.
     """
+    require(fineness >= 1, "fineness", "be at least 1", fineness)
+    if fineness > 1:
+        size = tuple(fineness * n for n in camera.size)
+        finer = None if behind is None else _repeated(behind, fineness)
+        return _averaged(render(field, occupancy, camera.resized(size), frame=frame, behind=finer), fineness)
     start, direction = camera_rays(camera)
     until = _until(camera, behind)
     parts = []
@@ -61,6 +68,27 @@ def render(
     away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
     own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
     return own if behind is None else _over(own, behind)
+
+
+def _repeated(picture: Picture, times: int) -> Picture:
+    """With every pixel that many times along both sides."""
+    colour, opacity, depth = (
+        v.repeat(times, axis=0).repeat(times, axis=1) for v in (picture.colour, picture.opacity, picture.depth)
+    )
+    return Picture(colour=colour, opacity=opacity, depth=depth)
+
+
+def _averaged(picture: Picture, times: int) -> Picture:
+    """With that many pixels fewer along both sides; depth where most is opaque, of what is."""
+    blocks = picture.depth.shape[0] // times, times, picture.depth.shape[1] // times, times
+    opacity = picture.opacity.reshape(blocks).mean(axis=(1, 3))
+    near = np.isfinite(picture.depth)
+    depth = np.where(near, picture.depth, 0.0).reshape(blocks).sum(axis=(1, 3))
+    depth /= np.maximum(near.reshape(blocks).sum(axis=(1, 3)), 1)
+    return Picture(
+        colour=picture.colour.reshape(*blocks, 3).mean(axis=(1, 3)), opacity=opacity,
+        depth=np.where(opacity > 0.5, depth, np.inf),
+    )  # fmt: skip
 
 
 def _until(camera: Camera, behind: Picture | None) -> torch.Tensor:

@@ -9,7 +9,7 @@ from recon.cameras import UP, Camera, look_at
 from recon.images import shown, write_image
 from recon.plush.calibration import camera_of, read_calibration
 from recon.plush.capture import CALIBRATION
-from recon.radiance.rendering import render
+from recon.radiance.rendering import STILL, render
 from recon.radiance.storage import load_trained
 from recon.radiance.training import Trained
 from sim.checks import require
@@ -37,7 +37,8 @@ def render_reconstruction(
     require(frame is None or 0 <= frame < count, "--frame", f"be 0 to {count - 1}", frame)
     made = []
     if view is not None:
-        picture = render(trained.field, trained.occupancy, _camera(folder, view, size), frame=frame or 0)
+        camera = _camera(folder, view, size)
+        picture = render(trained.field, trained.occupancy, camera, frame=frame or 0, fineness=STILL)
         made.append(out / f"{view}_{frame or 0:04d}.png")
         write_image(made[-1], shown(picture.colour))
     if orbit > 0:

@@ -18,7 +18,7 @@ from recon.quality.similarity import QualityRow, psnr, quality_row
 from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
 from recon.radiance.fields import Field
 from recon.radiance.marching import Occupancy
-from recon.radiance.rendering import render
+from recon.radiance.rendering import STILL, render
 from recon.radiance.storage import load_trained, save_trained
 from recon.radiance.training import Trained, TrainOptions, fingerprint, train
 from recon.views import ViewOptions, Views, training_views
@@ -136,7 +136,7 @@ def _judged(trained: Trained, judges: Views) -> tuple[QualityRow, list[tuple[str
     """Quality on cameras that taught nothing, in a few frames; and the pairs of pictures it was measured on."""
     pairs, mattes = [], []
     for camera, frame, target, matte in judges.looks(judged_frames(len(judges.times))):
-        picture = render(trained.field, trained.occupancy, camera, frame=frame).colour
+        picture = render(trained.field, trained.occupancy, camera, frame=frame, fineness=STILL).colour
         pairs.append((camera.name, frame, picture, target))
         mattes.append(matte)
     renders, filmed = ([pair[side] for pair in pairs] for side in (2, 3))
