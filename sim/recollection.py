@@ -88,6 +88,11 @@ class Damaged:
         return ExtraLaw(stencil=given.stencil, law=given.law, m=given.m, weight=weight, stabilised=True)
 
     @cached_property
+    def each(self) -> np.ndarray:
+        """What every stencil would lose on its own points if it lost all, (T, N, k + 1, 3) [N]."""
+        return self.lost(np.ones((1, self.y.shape[1]))).each(self.y)
+
+    @cached_property
     def D(self) -> np.ndarray:
         """The damage done, (T, N), from 0 to 1."""
         return damage(self.F, self.scale)
@@ -103,7 +108,6 @@ class PassingDamage:
 
     def __init__(self, what: Damaged) -> None:
         self._what, self._largest = what, np.zeros((1, what.y.shape[1]))
-        self._frame, self._whole = -1, np.zeros(0)  # that was asked for last, and what its stencils would lose in all
 
     def force(self, frame: int) -> np.ndarray:
         """Where earlier frames did the damage, (K, N, 3) [N]."""
@@ -129,8 +133,5 @@ class PassingDamage:
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        if frame != self._frame:
-            everywhere = np.ones((1, load.shape[1]))
-            self._frame, self._whole = frame, what.lost(everywhere).each(what.y[frame : frame + 1])[0]
         slope = what.share * damage_slope(what.D[frame], what.scale)
-        return what.elastic.stencil.gathered(self._whole, slope * load)
+        return what.elastic.stencil.gathered(what.each[frame], slope * load)

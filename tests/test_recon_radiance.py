@@ -135,6 +135,8 @@ def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, ca
     for fineness in (1, 2):
         hidden = render(field, occupancy, camera, behind=wall, fineness=fineness)
         assert hidden.colour == pytest.approx(wall.colour, abs=1e-6) and hidden.depth == pytest.approx(wall.depth)
+        with pytest.raises(ValueError, match=r"behind must have \w+'s size \(44, 48\); got \(48, 44\)"):
+            render(field, occupancy, camera, behind=replace(wall, depth=wall.depth.T), fineness=fineness)
     far = replace(wall, depth=np.full(shape, 3.0))
     both = render(field, occupancy, camera, behind=far).colour
     assert both[matte] == pytest.approx((shown.colour + (1 - shown.opacity)[..., None] * 0.5)[matte], abs=1e-5)

@@ -53,6 +53,9 @@ def render(
     what they leave clear shows it. Raises ValueError when it has another size, or when fineness is below one.
     """
     require(fineness >= 1, "fineness", "be at least 1", fineness)
+    shape = camera.size[::-1]
+    fits = behind is None or behind.depth.shape == shape
+    require(fits, "behind", f"have {camera.name}'s size {camera.size}", behind and behind.depth.shape[::-1])
     if fineness > 1:
         size = tuple(fineness * n for n in camera.size)
         finer = None if behind is None else _repeated(behind, fineness)
@@ -64,7 +67,6 @@ def render(
         frames = torch.full((len(some),), frame)
         parts.append(along(field, occupancy, start[some], direction[some], frames, until=until[some])[0])
     colour, opacity, depth = (torch.cat([getattr(p, n) for p in parts]).numpy() for n in ("colour", "opacity", "depth"))
-    shape = camera.size[::-1]
     away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
     own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
     return own if behind is None else _over(own, behind)
@@ -94,8 +96,6 @@ def _averaged(picture: Picture, times: int) -> Picture:
 def _until(camera: Camera, behind: Picture | None) -> torch.Tensor:
     if behind is None:
         return torch.full((camera.size[0] * camera.size[1],), torch.inf)
-    shape = camera.size[::-1]
-    require(behind.depth.shape == shape, "behind", f"have {camera.name}'s size {camera.size}", behind.depth.shape[::-1])
     return torch.from_numpy(np.where(behind.opacity > 0.5, behind.depth, np.inf).astype(np.float32).ravel())
 
 

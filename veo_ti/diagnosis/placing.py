@@ -10,7 +10,7 @@ from sim.sensitivity import responses
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Along, Fingerprints, carried
+from veo_ti.diagnosis.moments import Fingerprints, carried
 from veo_ti.diagnosis.scene import Scene
 
 _WORTH = 3.0  # nats that another place must promise
@@ -19,17 +19,15 @@ _WORTH = 3.0  # nats that another place must promise
 def better_place(result: Refit, model: Model) -> Any:
     """The place near that of a refitted cause at which it would explain most, material and parameters moving with it.
 
-    Linear about the refit: a cause that follows the motion without pushing is tried at each place as if it were new;
+    Linear about the refit: a cause that lags, and pushes nothing, is tried at each place as if it were new;
     any other is taken from its place to another as it is.
     """
-    scene, cause = result.scene, result.cause
-    beside = Along.with_cause(cause, scene, result.theta, result.place)
-    follows = beside.carried is not None and not cause.change(scene, result.theta, result.place).terms
-    others = cause.places(result.without) if follows else ()
+    cause = result.cause
+    others = cause.places(result.without) if cause.lags else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if len(places) == 1:
         return result.place
-    evidence = _as_new(result, model, places) if follows else _moved(result, model, places, beside)
+    evidence = _as_new(result, model, places) if cause.lags else _moved(result, model, places)
     best = int(np.argmax(evidence))
     return places[best] if evidence[best] > evidence[0] + _WORTH else result.place
 
@@ -47,7 +45,7 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
     return np.array(found)
 
 
-def _moved(result: Refit, model: Model, places: Sequence[Any], beside: Along) -> np.ndarray:
+def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
     """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full."""
     scene, cause, theta = result.scene, result.cause, result.theta
     here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
@@ -57,9 +55,9 @@ def _moved(result: Refit, model: Model, places: Sequence[Any], beside: Along) ->
     ]
     frames, residual, prior = result.kept.frames, scene.target.residual(result.simulated), result.prior
     taken = np.repeat(residual[None], len(places), axis=0)
-    motion = _pushed(scene, ways, frames)
-    if beside.carried is not None:
-        motion = carried(motion, np.zeros((0, scene.cloud.count, 2)), beside.carried, frames)
+    motion, late = _pushed(scene, ways, frames), cause.carried(scene, theta, result.place)
+    if late is not None:
+        motion = carried(motion, np.zeros((0, scene.cloud.count, 2)), late, frames)
     for t, S in zip(frames, motion, strict=True):
         seen = scene.target.seen[t]
         taken[1:, t, seen] -= S[:, seen]

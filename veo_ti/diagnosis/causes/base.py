@@ -103,6 +103,11 @@ class Cause:
         return ""
 
     @property
+    def lags(self) -> bool:
+        """Whether it shows as a motion that follows late, and pushes nothing."""
+        return type(self).carried is not Cause.carried
+
+    @property
     def positive(self) -> np.ndarray:
         """Which parameters physics wants positive, (d,)."""
         return np.array([p.positive for p in self.parameters], bool)

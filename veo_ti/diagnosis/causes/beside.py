@@ -27,6 +27,11 @@ class Beside(Cause):
         n = len(self.found.parameters)
         return (self.found, slice(0, n)), (self.other, slice(n, len(self.parameters)))
 
+    @property
+    def lags(self) -> bool:
+        """Where both do."""
+        return self.found.lags and self.other.lags
+
     def _placed(self, place: Places) -> Iterator[tuple[Cause, slice, Any]]:
         for (cause, own), at in zip(self.parts, place, strict=True):
             yield cause, own, at
@@ -56,10 +61,10 @@ class Beside(Cause):
         return np.concatenate([cause.stepped(theta[own], change[own]) for cause, own in self.parts])
 
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
-        """One of both moved, if it is not one that only follows the motion."""
+        """One of both moved, unless it is one that lags."""
         first, second = place
-        moved = [] if _lags(self.found) else [(to, second) for to in self.found.near(scene, first)]
-        return moved if _lags(self.other) else moved + [(first, to) for to in self.other.near(scene, second)]
+        moved = [] if self.found.lags else [(to, second) for to in self.found.near(scene, first)]
+        return moved if self.other.lags else moved + [(first, to) for to in self.other.near(scene, second)]
 
     def places(self, scene: Scene) -> Sequence[Places]:
         """None: both have been placed."""
@@ -76,11 +81,6 @@ class Beside(Cause):
     def widths(self, scene: Scene) -> np.ndarray:
         """Both ones'."""
         return np.concatenate([cause.widths(scene) for cause, _ in self.parts])
-
-
-def _lags(cause: Cause) -> bool:
-    """Whether it shows as a motion that lags, and pushes nothing."""
-    return type(cause).carried is not Cause.carried
 
 
 def _joined(changes: Sequence[Change]) -> Change:

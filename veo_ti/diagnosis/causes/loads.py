@@ -224,11 +224,12 @@ class GravityDirection(Cause):
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""
-        g = np.asarray(scene.observation.gravity)
+        g = scene.observation.gravity
+        if not g.any() or not scene.observation.force_scale_known:
+            return True
         tilted = g + theta
-        before, after = np.linalg.norm(g), max(float(np.linalg.norm(tilted)), 1e-300)
-        unsure = np.linalg.norm(spread * tilted / after)
-        return not before or not scene.observation.force_scale_known or bool(abs(after - before) < _TILT * unsure)
+        size = max(float(np.linalg.norm(tilted)), 1e-300)
+        return bool(abs(size - np.linalg.norm(g)) < _TILT * np.linalg.norm(spread * tilted / size))
 
 
 def _at(scene: Scene, time: np.ndarray) -> np.ndarray:
