@@ -14,7 +14,7 @@ from sim.lame import Lame
 from sim.newton import equilibrate
 from sim.terms.loads import AppliedForce
 from sim.vibration import Vibrations
-from veo_ti.diagnosis.causes.dynamics import Inertia
+from veo_ti.diagnosis.causes.dynamics import Inertia, Ring
 
 STIFFER, MASS, TIME = 0.6, 1e-3, np.linspace(0, 6.0, 41)
 
@@ -65,3 +65,42 @@ def test_with_forces_to_scale_the_mass_is_found_too(ringing):
     assert best.share == pytest.approx(4.0, rel=0.15)  # tried in such steps
     assert Inertia().plausible(scaled, np.array([best.share]), np.zeros(1))
     assert not Inertia().plausible(ringing, np.array([best.share]), np.zeros(1))
+
+
+def swinging(push: float) -> SimpleNamespace:
+    """A box pushed at its end, quasi-static, and the full simulation of it with its mass, in many steps."""
+    cloud, time = sim_cases.cloud(), TIME[:21]
+    elastic = Elastic.neo_hookean(cloud, Lame(mu=1.0, lam=2.0))
+    force = np.zeros((len(time), cloud.count, 3))
+    force[:, cloud.x[:, 0] > 0.95, 2] = push * np.clip(np.sin(2 * time), 0, None)[:, None]
+    energy = Energy.of(elastic, [AppliedForce(force=force)], cloud.x[:, 0] < 1e-9)
+    mass = MASS * cloud.volume / cloud.volume.sum()
+    y = equilibrate(energy, np.repeat(cloud.x[None], len(time), axis=0)).require_converged().y
+    full = simulate(energy, time=time, mass=mass, substeps=24)
+    assert full.converged
+    return SimpleNamespace(
+        cloud=cloud, energy=energy, y=y, time=time, full=full.y, vibrations=Vibrations.of(energy, mass)
+    )
+
+
+def off(scene: SimpleNamespace, theta: np.ndarray, place: Ring) -> float:
+    """How far what inertia is said to show is from the full simulation, as a share of what it adds."""
+    shown = Inertia().change(scene, theta, place).observe(scene.y, np.arange(len(scene.y)))
+    return float(np.linalg.norm(shown - scene.full) / np.linalg.norm(scene.full - scene.y))
+
+
+def test_large_swings_are_those_of_the_full_simulation():
+    scene, linear, one = swinging(1e-3), Ring(ratio=1e-6, power=-1), np.ones(1)
+    closer, theta = Inertia().closer(scene, one, linear)
+    assert off(scene, one, linear) > 0.5
+    assert off(scene, one, closer) < 0.1
+    assert theta * closer.slower == pytest.approx(one)  # as slow as what was fitted without
+    nothing = Inertia().change(scene, np.zeros(1), closer)
+    assert nothing.observe(scene.y, np.arange(len(scene.y))) == pytest.approx(scene.y, abs=1e-15)
+
+
+def test_small_swings_are_linear():
+    scene = swinging(1e-5)
+    closer, _ = Inertia().closer(scene, np.ones(1), Ring(ratio=1e-6, power=-1))
+    assert closer.slower == pytest.approx(1.0, abs=0.021)
+    assert np.linalg.norm(closer.swings.beyond) < 0.1 * np.linalg.norm(scene.full - scene.y)

@@ -21,7 +21,8 @@ _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
-_LOOKS = 4  # at most that a cause gets, each
+_LOOKS = 4  # at most that a cause gets, each; and
+_BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 _IN_REACH, _NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
 _NEARLY = 0.2  # share of the variance that a cause must leave for its refit to go to the end
@@ -66,7 +67,9 @@ def refitted(
         if not again:
             break
         reached = min(reached, *(min(t.model.s2, t.left) for t in again))
-    return [t.result for t in tried], reached
+    nearest = min((t.left for t in tried), default=0.0)
+    tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
+    return [t.result for t in tried], min([reached, *(t.model.s2 for t in tried)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,6 +122,25 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
     theta = result.theta if far is None else far
     again = refit(result.without, tried.following, start, cause=cause, place=place, theta=theta, rough=not fine)
     return _Tried.of(again, tried.following, modes, fine=fine)
+
+
+def _beyond(tried: _Tried, modes: np.ndarray, say: Progress) -> _Tried:
+    """With what the cause does beyond the first order, as long as less is left with it."""
+    for _ in range(_BEYOND):
+        result = tried.tuned
+        closer = result.cause.closer(result.scene, result.theta, result.place)
+        if closer is None:
+            break
+        say(f"{result.cause.name} beyond the first order")
+        place, theta = closer
+        again = _Tried.of(
+            refit(result.without, tried.following, result.coefficients, cause=result.cause, place=place, theta=theta),
+            tried.following, modes, fine=True,
+        )  # fmt: skip
+        if again.left > tried.left:
+            break
+        tried = again
+    return tried
 
 
 def _narrowed(

@@ -94,6 +94,13 @@ class Cause:
         """Places between `place` and the others that were scanned, for a closer look."""
         return ()
 
+    def closer(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Any, np.ndarray] | None:
+        """The place with what a cause that is followed to first order misses at theta, and theta there; None: nothing.
+
+        scene: the one that the cause is part of.
+        """
+        return None
+
     def begin(self, place: Any) -> tuple[Any, float]:
         """The place at which a fit begins, and how much stiffer the whole object is there [nats]."""
         return place, 0.0

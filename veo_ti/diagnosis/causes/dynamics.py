@@ -1,13 +1,14 @@
 """Causes in the motion itself: mass that has to be moved, air that has to be pushed aside."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sim.vibration import Vibrations, follow
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.swings import Swings
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
@@ -32,6 +33,12 @@ class Ring:
     power: int  # of frequency, by which the others' go
     share: float = 1.0  # of the mass, with which that is so
     stiffer: float = 0.0
+    swings: Swings | None = field(default=None, compare=False)  # what the full simulation adds, once it was asked
+
+    @property
+    def slower(self) -> float:
+        """Times its mass, with which it is as slow in small vibrations as in those it makes."""
+        return 1.0 if self.swings is None else self.swings.slower
 
 
 class Inertia(Cause):
@@ -80,7 +87,8 @@ class Inertia(Cause):
     def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
         if place.stiffer == 0:
-            return _behind(scene, scene.vibrations, _lag(theta[0], place))
+            beyond = 0.0 if place.swings is None else theta[0] / place.swings.share * place.swings.beyond
+            return _behind(scene, scene.vibrations, _lag(theta[0], place), beyond)
         modes, u, less = scene.vibrations, scene.y - scene.cloud.x, np.exp(-place.stiffer)
         stiff = replace(modes, omega=modes.omega / np.sqrt(less))
         lagging = modes.motion(_lag(theta[0], place)(stiff, less * u, scene.time))
@@ -90,6 +98,11 @@ class Inertia(Cause):
     def carried(self, scene: Scene, theta: np.ndarray, place: Ring) -> Carried:
         """The lag of the change, and what other frequencies do to the lag."""
         return _further(scene, scene.vibrations, _lag(theta[0], place))
+
+    def closer(self, scene: Scene, theta: np.ndarray, place: Ring) -> tuple[Ring, np.ndarray] | None:
+        """What the full simulation adds to the linear vibrations, and the share that is then as slow."""
+        swings = Swings.of(scene, float(theta[0]), _ratios(scene.vibrations, place))
+        return None if swings is None else (replace(place, swings=swings), theta * place.slower / swings.slower)
 
     def describe(self, scene: Scene, place: Ring) -> str:
         """The slowest vibration and its damping ratio, and how the others are damped."""
@@ -122,7 +135,7 @@ class Damping(Cause):
 
 def _lag(share: float, place: Ring) -> Response:
     def response(modes: Vibrations, u: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return modes.lag(u, time, inertia=share, damping=_ratios(modes, place))
+        return modes.lag(u, time, inertia=share * place.slower, damping=_ratios(modes, place))
 
     return response
 
@@ -182,9 +195,9 @@ def _delay(drag: float) -> Response:
     return lambda modes, u, time: modes.delay(u, time, drag=drag)
 
 
-def _behind(scene: Scene, modes: Vibrations, response: Response) -> Change:
-    """What tracking shows of a motion that is followed with a delay."""
-    added = modes.motion(response(modes, scene.y - scene.cloud.x, scene.time))
+def _behind(scene: Scene, modes: Vibrations, response: Response, beyond: np.ndarray | float = 0.0) -> Change:
+    """What tracking shows of a motion that is followed with a delay, and of what lies beyond the linear response."""
+    added = modes.motion(response(modes, scene.y - scene.cloud.x, scene.time)) + beyond
     return Change(observe=lambda y, frames: y + added[frames])
 
 

@@ -1,0 +1,57 @@
+"""What large swings do that small vibrations about the rest shape do not: they slow down, and take other shapes."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.dynamics import Damping, simulate
+from sim.newton import NewtonOptions
+from sim.vibration import follow
+from veo_ti.diagnosis.scene import Scene
+
+_STEP = 0.3  # [rad] of the slowest vibration that a step covers: its frequency comes out 0.4 % low
+_FEW = 4  # of the slowest vibrations, over which Rayleigh's two terms keep a damping about the same
+_SLOWER = np.exp(0.02 * np.arange(-40, 41))  # times the mass, with which small vibrations may be as slow as large ones
+_ROUGH = NewtonOptions(tolerance=1e-5)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Swings:
+    """The full simulation against linear vibrations: those of `slower` times the mass come nearest; at the share of the
+    mass that it was made with, `beyond` (T, N, 3) [m] is what they miss."""
+
+    slower: float
+    beyond: np.ndarray
+    share: float
+
+    @classmethod
+    def of(cls, scene: Scene, share: float, ratios: np.ndarray) -> "Swings | None":
+        """Of the scene's object, starting at rest, with a share of its mass and vibrations of damping ratios (K,); None
+        where a solve fails."""
+        modes, u = scene.vibrations, scene.y - scene.cloud.x
+        omega = modes.omega / math.sqrt(share)
+        full = simulate(
+            scene.energy, time=scene.time, mass=share * modes.mass, start=scene.y[0],
+            substeps=math.ceil(omega[0] * float(np.diff(scene.time).max()) / _STEP), damping=_rayleigh(omega, ratios),
+            options=_ROUGH,
+        )  # fmt: skip
+        if not full.converged:
+            return None
+        p, reached = modes.coordinates(u), modes.coordinates(full.y - scene.cloud.x)
+        count, other = len(_SLOWER), (omega / np.sqrt(_SLOWER)[:, None]).ravel()
+        linear = follow(other, np.tile(ratios, count), np.tile(p, count), scene.time).reshape(len(p), count, -1)
+        slower = float(_SLOWER[np.argmin(((linear - reached[:, None]) ** 2).sum(axis=(0, 2)))])
+        lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios)
+        return cls(slower=slower, beyond=full.y - scene.y - modes.motion(lag), share=share)
+
+
+def _rayleigh(omega: np.ndarray, ratios: np.ndarray) -> Damping:
+    """`a + b omega^2 = 2 ratio omega` at the slowest vibration, where all are about as damped also at a faster one."""
+    few = min(_FEW, len(omega)) - 1
+    if few == 0 or ratios[few] < ratios[0]:
+        return Damping(mass=2 * ratios[0] * omega[0])
+    if ratios[few] > ratios[0]:
+        return Damping(stiffness=2 * ratios[0] / omega[0])
+    between = 2 * ratios[0] / (omega[0] + omega[few])
+    return Damping(mass=between * omega[0] * omega[few], stiffness=between)
