@@ -12,7 +12,7 @@ from veo_ti.diagnosis import pairs
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.dynamics import Damping
 from veo_ti.diagnosis.causes.loads import ForceMagnitude, ForceTiming, HiddenForce
-from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.moments import Along, moments
@@ -61,22 +61,23 @@ def test_two_causes_push_with_both_and_show_both(scene, both, place):  # noqa: F
     assert change.observe(scene.y, frames) == pytest.approx(expected)
 
 
-def test_fingerprint_of_a_force_beside_a_drag_is_as_late_as_all_that_is_seen(scene, model, place):  # noqa: F811
-    """Against other solves with the force both ways, shown as the braked object would be."""
-    drag = Damping().widths(scene)
-    both, at, theta = Beside(Damping(), HiddenForce()), (None, place[0]), np.array([*drag, 0.0, 0.0, 0.0])
+@pytest.mark.parametrize(("cause", "times"), [(Damping(), 1.0), (CorrespondenceSlip(), 3.0)])
+def test_fingerprint_of_a_force_is_shown_as_all_that_is_seen(scene, model, place, cause, times):  # noqa: F811
+    """Against other solves with the force both ways, shown as a braked object would be, or one whose points slide."""
+    shown = times * cause.widths(scene)
+    both, at, theta = Beside(cause, HiddenForce()), (None, place[0]), np.array([*shown, 0.0, 0.0, 0.0])
 
     def seen(force: float) -> np.ndarray:
         pushed = HiddenForce().change(scene, np.array([0.0, force, 0.0]), place[0])
         energy = replace(scene.energy, terms=(*scene.energy.terms, *pushed.terms))
         y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-9)).require_converged().y
-        return shown_by(moved := scene.moved(energy, y), Damping().change(moved, drag, None))
+        return shown_by(moved := scene.moved(energy, y), cause.change(moved, shown, None))
 
     slope = (seen(2e-5) - seen(-2e-5)) / 4e-5
     K, directions = model.basis.log_mu.shape[1], directions_of(both, scene, at, theta)
-    for along, least, most in ((Along.with_cause(both, scene, theta, at), 0.0, 0.01), (Along(), 0.05, np.inf)):
+    for along, least, most in ((Along.with_cause(both, scene, theta, at), 0.0, 0.003), (Along(), 0.05, np.inf)):
         kept = moments(scene, model.basis, np.zeros(K), (), directions, along=along, keep=True).kept
-        found = np.concatenate([X[K + 2] for X in kept.columns])
+        found = np.concatenate([X[K + len(shown) + 1] for X in kept.columns])
         expected = np.concatenate([slope[t, scene.target.seen[t]].ravel() for t in kept.frames])
         assert least < np.linalg.norm(found - expected) / np.linalg.norm(expected) < most
 

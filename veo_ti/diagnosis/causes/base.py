@@ -111,7 +111,7 @@ class Cause:
 
     @property
     def lags(self) -> bool:
-        """Whether it shows as a motion that follows late, and pushes nothing."""
+        """Whether it shows as another motion than the simulated one, such as a late one, and pushes nothing."""
         return type(self).carried is not Cause.carried
 
     @property

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
 
@@ -40,14 +40,44 @@ class CorrespondenceSlip(Cause):
         normals = _normals(scene)
 
         def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
-            u, n = y - scene.cloud.x, normals[frames]
-            return y - theta[0] * (u - (u * n).sum(axis=2, keepdims=True) * n)
+            return y - theta[0] * _along(y - scene.cloud.x, normals[frames])
 
         return Change(observe=observe)
 
+    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
+        """Of a change of motion, too, the tangential part is reported too small; and with it the surface turns."""
+        a = _areas(scene)
+        size = np.maximum(np.linalg.norm(a, axis=2, keepdims=True), 1e-300)
+        normals, inverse, u = _normals(scene), np.linalg.inv(scene.F), scene.y - scene.cloud.x
+
+        def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
+            n, moved = normals[frames], u[frames]
+            turned = -np.einsum(
+                "tnba,tncb,tnc->tna", inverse[frames], scene.cloud.deformation_gradient(motion), a[frames],
+                optimize=True,
+            ) / size[frames]  # fmt: skip
+            turned = _along(turned, n) * n.any(axis=2, keepdims=True)
+            return -theta[0] * (_along(motion, n) - _dot(moved, turned) * n - _dot(moved, n) * turned)
+
+        return further
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * b).sum(axis=2, keepdims=True)
+
+
+def _along(v: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """The part of v along the surface with unit normals n."""
+    return v - _dot(v, n) * n
+
+
+def _areas(scene: Scene) -> np.ndarray:
+    """Outward area vectors of the simulated surface over their volume's change (T, N, 3) [m2]: `F^-T A`."""
+    return np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.area)
+
 
 def _normals(scene: Scene) -> np.ndarray:
-    """Unit outward normals of the simulated surface (T, N, 3), zero inside: `cof(F) A / |cof(F) A|`."""
-    area = np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.area)
+    """Unit outward normals of the simulated surface (T, N, 3), zero inside."""
+    area = _areas(scene)
     size = np.linalg.norm(area, axis=2, keepdims=True)
     return np.where(size > 1e-12 * size.max(), area / np.maximum(size, 1e-300), 0.0)
