@@ -19,7 +19,10 @@ _REACH = 4.0  # spacings around a spot within which a wall is felt
 _PATCH, _GIVES = 2.0, 0.05  # spacings around, and share of the motion, that a hard wall is pressed over and in by
 _FACES = (0.5, 0.75, 0.95)  # of the farthest that any point was seen to go, where a wide wall begins
 _WAYS, _APART = 8, np.cos(np.deg2rad(25))  # directions into wide walls at most, and the cosine between them
-_TURN = np.deg2rad(12)  # of a wide wall in a closer look
+_STRONG = 0.3  # of the largest residual or load, that is asked for a direction
+_TURNS = np.deg2rad((12, 4))  # of a wide wall in a closer look
+
+Way = tuple[float, float, float]  # a unit vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +30,7 @@ class Wall:
     """A half space in the way: behind a gap [m] before a spot and felt around it, or wide, before all of the object."""
 
     spot: int
-    way: tuple[float, float, float]  # unit, in which the object runs into it
+    way: Way  # in which the object runs into it
     gap: float
     wide: bool = False
 
@@ -53,20 +56,22 @@ class HiddenContact(Cause):
     parameters = (Parameter(name="stiffness", unit="Pa/m2", sd=1.0, positive=True),)
 
     def places(self, scene: Scene) -> Sequence[Wall]:
-        """Spots over the free surface with walls across their largest motion; wide walls about where motion was seen
-        to end."""
+        """Spots over the free surface with walls across their largest motion; wide walls about where motion was seen to
+        end, first across the ways in which the object was kept from going."""
         u = np.linalg.norm(scene.y - scene.cloud.x, axis=2)
         farthest = u.max(axis=0)
         spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()] or [int(farthest.argmax())]
         ways = {s: _way(scene, s) for s in sorted(spots, key=lambda s: -farthest[s])}
         small = [Wall(spot=s, way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS]
-        return small + [wall for way in _distinct(list(ways.values())) for wall in _wide(scene, way)]
+        into = _distinct([*_kept_from(scene), *_pushed(scene), *ways.values()])
+        return small + [wall for way in into for wall in _wide(scene, way)]
 
     def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
         """Nearer and farther walls, there and at some spots around, or leaning a little."""
         gaps = [share * place.gap for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
         if place.wide:
-            return [replace(w, gap=gap) for w in (place, *place.turned(_TURN)) for gap in gaps]
+            leaning = [wall for turn in _TURNS for wall in place.turned(turn)]
+            return [replace(w, gap=gap) for w in (place, *leaning) for gap in gaps]
         spots = (place.spot, *map(int, scene.spots_near(place.spot, 4)))
         return [Wall(spot=s, way=_way(scene, s), gap=gap) for s in spots for gap in gaps]
 
@@ -90,23 +95,41 @@ class HiddenContact(Cause):
         return f"{at_spot(scene, place.spot)}, {1e3 * place.gap:.1f} mm away"
 
 
-def _way(scene: Scene, spot: int) -> tuple[float, float, float]:
+def _way(scene: Scene, spot: int) -> Way:
     """Of a spot's largest motion."""
     u = scene.y[:, spot] - scene.cloud.x[spot]
     way = u[np.linalg.norm(u, axis=1).argmax()]
     return tuple((way / max(float(np.linalg.norm(way)), 1e-300)).tolist())
 
 
-def _distinct(ways: Sequence[tuple[float, float, float]]) -> list[tuple[float, float, float]]:
+def _kept_from(scene: Scene) -> list[Way]:
+    """Where the simulation goes beyond what was seen: against the largest residual of every frame, largest first."""
+    r = scene.residual * scene.train[:, None, None]
+    worst = np.linalg.norm(r, axis=2).argmax(axis=1)
+    return _units(-r[np.arange(len(r)), worst])
+
+
+def _pushed(scene: Scene) -> list[Way]:
+    """Where each frame's load pushes, the strongest first."""
+    return _units(scene.forces.sum(axis=1) * scene.train[:, None])
+
+
+def _units(vectors: np.ndarray) -> list[Way]:
+    """The directions of those (T, 3) that are not much shorter than the longest, which comes first."""
+    size = np.linalg.norm(vectors, axis=1)
+    return [tuple((vectors[t] / size[t]).tolist()) for t in np.argsort(-size) if size[t] > _STRONG * size.max()]
+
+
+def _distinct(ways: Sequence[Way]) -> list[Way]:
     """The first of those that lie close together."""
-    kept: list[tuple[float, float, float]] = []
+    kept: list[Way] = []
     for way in ways:
         if all(np.dot(way, other) < _APART for other in kept) and len(kept) < _WAYS:
             kept.append(way)
     return kept
 
 
-def _wide(scene: Scene, way: tuple[float, float, float]) -> list[Wall]:
+def _wide(scene: Scene, way: Way) -> list[Wall]:
     """Walls across a way, before the farthest that any point was seen to go."""
     n = np.array(way)
     along = (scene.y + scene.residual)[scene.train] @ n
