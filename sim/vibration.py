@@ -106,13 +106,13 @@ def follow(omega: np.ndarray, zeta: float | np.ndarray, p: np.ndarray, time: np.
     """Damped oscillators `x'' + 2 zeta omega x' + omega^2 (x - p) = 0`, at rest at the first frame, (T, K).
 
     p (T, K) is linear between the times (T,) [s], so each stretch has the closed form `x = p - 2 zeta/omega p' + e`
-    with e a free vibration.
+    with e a free vibration. With frequencies (C, K) and p (T, 1, K) all C are followed at once, (T, C, K).
     """
     # The double root of critical damping has another form.
     zeta = np.where(np.abs(np.subtract(zeta, 1)) < 1e-6, 1 + 1e-6, zeta)
     root = np.sqrt((zeta**2 - 1).astype(complex))
     fast, slow = omega * (-zeta - root), omega * (-zeta + root)
-    x, v = np.zeros_like(p), np.zeros_like(omega)
+    x, v = np.zeros((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(omega)))), np.zeros_like(omega)
     x[0] = p[0]
     for t, h in enumerate(np.diff(time)):
         slope = (p[t + 1] - p[t]) / h

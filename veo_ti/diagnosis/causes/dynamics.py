@@ -152,8 +152,8 @@ def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
     omega, p = np.exp(tuned / 2)[:, None] * modes.omega, modes.coordinates(scene.y - scene.cloud.x)
     found = []
     for ring in rings:
-        x = follow(omega.ravel(), np.tile(_ratios(modes, ring), len(tuned)), np.tile(p, len(tuned)), scene.time)
-        slope, curve = seen.parabola(x.reshape(len(p), *omega.shape) - p[:, None])
+        x = follow(omega, _ratios(modes, ring), p[:, None], scene.time)
+        slope, curve = seen.parabola(x - p[:, None])
         kappa = np.exp(-tuned) if known else np.clip(slope / curve, np.exp(-_FAR), np.exp(_FAR))
         best = int(np.argmin(curve * kappa**2 - 2 * slope * kappa))
         share = 1.0 if known else float(np.exp(-tuned[best]) / kappa[best])

@@ -37,7 +37,7 @@ class CorrespondenceSlip(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The tangential part of the displacement is reported too small."""
-        normals = _normals(scene)
+        normals = _normals(_areas(scene))
 
         def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
             return y - theta[0] * _along(y - scene.cloud.x, normals[frames])
@@ -48,7 +48,7 @@ class CorrespondenceSlip(Cause):
         """Of a change of motion, too, the tangential part is reported too small; and with it the surface turns."""
         a = _areas(scene)
         size = np.maximum(np.linalg.norm(a, axis=2, keepdims=True), 1e-300)
-        normals, inverse, u = _normals(scene), np.linalg.inv(scene.F), scene.y - scene.cloud.x
+        normals, inverse, u = _normals(a), np.linalg.inv(scene.F), scene.y - scene.cloud.x
 
         def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
             n, moved = normals[frames], u[frames]
@@ -76,8 +76,7 @@ def _areas(scene: Scene) -> np.ndarray:
     return np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.area)
 
 
-def _normals(scene: Scene) -> np.ndarray:
-    """Unit outward normals of the simulated surface (T, N, 3), zero inside."""
-    area = _areas(scene)
+def _normals(area: np.ndarray) -> np.ndarray:
+    """Unit vectors of areas (T, N, 3), zero inside."""
     size = np.linalg.norm(area, axis=2, keepdims=True)
     return np.where(size > 1e-12 * size.max(), area / np.maximum(size, 1e-300), 0.0)

@@ -39,8 +39,7 @@ class Swings:
         if not full.converged:
             return None
         p, reached = modes.coordinates(u), modes.coordinates(full.y - scene.cloud.x)
-        count, other = len(_SLOWER), (omega / np.sqrt(_SLOWER)[:, None]).ravel()
-        linear = follow(other, np.tile(ratios, count), np.tile(p, count), scene.time).reshape(len(p), count, -1)
+        linear = follow(omega / np.sqrt(_SLOWER)[:, None], ratios, p[:, None], scene.time)
         slower = float(_SLOWER[np.argmin(((linear - reached[:, None]) ** 2).sum(axis=(0, 2)))])
         lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios)
         return cls(slower=slower, beyond=full.y - scene.y - modes.motion(lag), share=share)
