@@ -15,12 +15,14 @@ from sim.prior import FieldModes
 class FitOptions:
     """modes and ratio_modes: fields for log mu and log(lam/mu), 0 for a homogeneous object.
 
-    poisson is the prior's centre; ratio_sd the prior's width of log(lam/mu); ratio_field_sd how much it varies over the
-    object. gain stops the iteration once a step lowers the objective by less, in nats per observed coordinate.
+    mean_sd is the prior's width of the mean of log mu about the first guess; poisson the centre, ratio_sd the width of
+    log(lam/mu); ratio_field_sd how much that varies over the object. gain stops the iteration once a step lowers the
+    objective by less, in nats per observed coordinate.
     """
 
     modes: int = 80
     ratio_modes: int = 8
+    mean_sd: float = 5.0
     poisson: float = 0.4
     ratio_sd: float = 0.5
     ratio_field_sd: float = 0.2
@@ -71,11 +73,11 @@ class Basis:
         )
 
     def prior(self, length: float, amplitude: float) -> np.ndarray:
-        """Prior variances of the coefficients, (K,); the mean of log mu is all but free."""
+        """Prior variances of the coefficients, (K,)."""
         spectrum = self.field.spectrum(length)
         soft = amplitude**2 * spectrum[1 : self.options.modes + 1]
         ratio = self.options.ratio_field_sd**2 * spectrum[1 : self.options.ratio_modes + 1]
-        return np.maximum(np.concatenate([[25.0, self.options.ratio_sd**2], soft, ratio]), 1e-12)
+        return np.maximum(np.concatenate([[self.options.mean_sd**2, self.options.ratio_sd**2], soft, ratio]), 1e-12)
 
     def lame(self, a: np.ndarray) -> Lame:
         """The material of coefficients a."""

@@ -15,6 +15,7 @@ from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
 
+_DIFFER = 0.05  # share of their square in which loads differ between frames, to be told by that
 _PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
 
 
@@ -29,6 +30,12 @@ class Target:
     def residual(self, y: np.ndarray) -> np.ndarray:
         """Observed minus simulated, (T, N, 3), zero where nothing was seen."""
         return np.where(self.seen[..., None], self.y - y, 0.0)
+
+    def differing(self, u: np.ndarray) -> np.ndarray:
+        """A motion (T, N, 3) without its mean over the frames in which a point was seen; zero where it was not."""
+        seen = self.seen[..., None]
+        u = np.where(seen, u, 0.0)
+        return np.where(seen, u - u.sum(axis=0) / np.maximum(seen.sum(axis=0), 1), 0.0)
 
     def loss(self, y: np.ndarray) -> tuple[float, np.ndarray]:
         """sum |y - x*|^2 over the seen points, and its derivative: the paper's L."""
@@ -113,6 +120,7 @@ def fit(
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     """A first shear modulus [Pa]: the one whose linear response to the loads best matches the observed motion.
 
+    Where the loads differ, their differences match those of the motion: nothing that pushes all the time enters.
     Raises ValueError when no frame is loaded: motion without loads tells no modulus.
     """
     cloud = energy.elastic.cloud
@@ -124,8 +132,11 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     largest = np.argmax((right**2).sum(axis=(1, 2)), keepdims=True)
     tangent = energy.frames(largest).tangent(rest[:1])
     u = solve_directly(tangent, Layout.of(energy.elastic), right[None])[0]
-    u = np.where(target.seen[..., None], u, 0.0)
-    scale = (u * target.residual(rest)).sum() / (u**2).sum()
+    u, d = np.where(target.seen[..., None], u, 0.0), target.residual(rest)
+    apart = target.differing(u)
+    if (apart**2).sum() > _DIFFER * (u**2).sum():
+        u, d = apart, target.differing(target.y - rest)
+    scale = (u * d).sum() / (u**2).sum()
     return mu / max(float(scale), 1e-6)
 
 

@@ -12,11 +12,12 @@ from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.lame import Lame
 from sim.newton import equilibrate
+from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
 from sim.vibration import Vibrations
-from veo_ti.diagnosis.causes.dynamics import Inertia, Ring
+from veo_ti.diagnosis.causes.dynamics import Damping, Inertia, Ring
 
-STIFFER, MASS, TIME = 0.6, 1e-3, np.linspace(0, 6.0, 41)
+STIFFER, MASS, TIME, STEPS = 0.6, 1e-3, np.linspace(0, 6.0, 41), 40
 
 
 @pytest.fixture(scope="module")
@@ -67,33 +68,38 @@ def test_with_forces_to_scale_the_mass_is_found_too(ringing):
     assert not Inertia().plausible(ringing, np.array([best.share]), np.zeros(1))
 
 
-def swinging(push: float) -> SimpleNamespace:
-    """A box pushed at its end, quasi-static, and the full simulation of it with its mass, in many steps."""
-    cloud, time = sim_cases.cloud(), TIME[:21]
+def pushed(push: float, frames: int) -> SimpleNamespace:
+    """A box pushed at its end, quasi-static."""
+    cloud, time = sim_cases.cloud(), TIME[:frames]
     elastic = Elastic.neo_hookean(cloud, Lame(mu=1.0, lam=2.0))
-    force = np.zeros((len(time), cloud.count, 3))
+    force = np.zeros((frames, cloud.count, 3))
     force[:, cloud.x[:, 0] > 0.95, 2] = push * np.clip(np.sin(2 * time), 0, None)[:, None]
     energy = Energy.of(elastic, [AppliedForce(force=force)], cloud.x[:, 0] < 1e-9)
-    mass = MASS * cloud.volume / cloud.volume.sum()
-    y = equilibrate(energy, np.repeat(cloud.x[None], len(time), axis=0)).require_converged().y
-    full = simulate(energy, time=time, mass=mass, substeps=24)
+    y = equilibrate(energy, np.repeat(cloud.x[None], frames, axis=0)).require_converged().y
+    return SimpleNamespace(cloud=cloud, energy=energy, y=y, time=time)
+
+
+def swinging(push: float) -> SimpleNamespace:
+    """It, and the full simulation of it with its mass, in many steps."""
+    scene = pushed(push, 21)
+    mass = MASS * scene.cloud.volume / scene.cloud.volume.sum()
+    full = simulate(scene.energy, time=scene.time, mass=mass, substeps=24)
     assert full.converged
-    return SimpleNamespace(
-        cloud=cloud, energy=energy, y=y, time=time, full=full.y, vibrations=Vibrations.of(energy, mass)
-    )
+    scene.full, scene.vibrations = full.y, Vibrations.of(scene.energy, mass)
+    return scene
 
 
-def off(scene: SimpleNamespace, theta: np.ndarray, place: Ring) -> float:
-    """How far what inertia is said to show is from the full simulation, as a share of what it adds."""
-    shown = Inertia().change(scene, theta, place).observe(scene.y, np.arange(len(scene.y)))
+def off(scene: SimpleNamespace, theta: np.ndarray, place, cause) -> float:
+    """How far what a cause is said to show is from the full simulation, as a share of what it adds."""
+    shown = cause.change(scene, theta, place).observe(scene.y, np.arange(len(scene.y)))
     return float(np.linalg.norm(shown - scene.full) / np.linalg.norm(scene.full - scene.y))
 
 
 def test_large_swings_are_those_of_the_full_simulation():
     scene, linear, one = swinging(1e-3), Ring(ratio=1e-6, power=-1), np.ones(1)
     closer, theta = Inertia().closer(scene, one, linear)
-    assert off(scene, one, linear) > 0.5
-    assert off(scene, one, closer) < 0.1
+    assert off(scene, one, linear, Inertia()) > 0.5
+    assert off(scene, one, closer, Inertia()) < 0.1
     assert theta * closer.slower == pytest.approx(one)  # as slow as what was fitted without
     nothing = Inertia().change(scene, np.zeros(1), closer)
     assert nothing.observe(scene.y, np.arange(len(scene.y))) == pytest.approx(scene.y, abs=1e-15)
@@ -104,3 +110,35 @@ def test_small_swings_are_linear():
     closer, _ = Inertia().closer(scene, np.ones(1), Ring(ratio=1e-6, power=-1))
     assert closer.slower == pytest.approx(1.0, abs=0.021)
     assert np.linalg.norm(closer.swings.beyond) < 0.1 * np.linalg.norm(scene.full - scene.y)
+
+
+def creeping(push: float) -> SimpleNamespace:
+    """It in honey: backward Euler in many steps, drag as springs to where the points were."""
+    scene, drag = pushed(push, 11), 2.0
+    force, y, reached = scene.energy.terms[0].force, scene.cloud.x[None], [scene.cloud.x]
+    alpha = 0.5 * drag * scene.cloud.volume * STEPS / np.diff(scene.time)[0]
+    for frame in range(1, len(scene.time)):
+        for share in np.arange(1, STEPS + 1) / STEPS:
+            load = AppliedForce(force=(1 - share) * force[frame - 1 : frame] + share * force[frame : frame + 1])
+            held = Handles(points=np.arange(scene.cloud.count), targets=y, alpha=alpha)
+            y = equilibrate(replace(scene.energy, terms=(load, held)), y).require_converged().y
+        reached.append(y[0])
+    scene.full, scene.drag = np.stack(reached), np.array([drag])
+    scene.relaxations = Vibrations.of(scene.energy, scene.cloud.volume)
+    return scene
+
+
+def test_a_large_motion_creeps_as_a_drag_on_every_point_lets_it():
+    scene = creeping(1e-3)
+    closer, theta = Damping().closer(scene, scene.drag, None)
+    assert theta == pytest.approx(scene.drag)
+    assert off(scene, theta, None, Damping()) > 0.2
+    assert off(scene, theta, closer, Damping()) < 0.05
+    nothing = Damping().change(scene, np.zeros(1), closer)
+    assert nothing.observe(scene.y, np.arange(len(scene.y))) == pytest.approx(scene.y, abs=1e-15)
+
+
+def test_what_the_full_simulation_added_belongs_to_the_measurement_it_was_made_for():
+    ring = Ring(ratio=0.1, power=0)
+    assert Inertia().elsewhere(None, replace(ring, swings="of this one")) == ring
+    assert Damping().elsewhere(None, "of this one") is None

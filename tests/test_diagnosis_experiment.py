@@ -9,7 +9,8 @@ import sim_cases
 from sim.basis import Basis, FitOptions
 from sim.lame import Lame
 from sim.newton import equilibrate
-from veo_ti.diagnosis.causes.loads import ForceTiming, HiddenForce
+from veo_ti.diagnosis.causes.clocks import ForceTiming
+from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.model import Model, Refit
@@ -59,7 +60,7 @@ def assumed(baseline: Refit, model: Model, cause, theta, place=None) -> Refit:
 
 def test_a_delay_is_told_by_loading_faster(baseline, model):
     """A slow push hides it; the scale of the cameras is large and seen under any load."""
-    delay = assumed(baseline, model, ForceTiming(), [2e-3])
+    delay = assumed(baseline, model, ForceTiming(), [2e-3], ForceTiming().places(baseline.scene)[0])
     scale = assumed(baseline, model, CameraScale(), [0.05, 0, 0, 0])
     found = separating(baseline, delay, scale, model, model.s2)
     assert "five times as fast" in found.description

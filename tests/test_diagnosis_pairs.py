@@ -10,8 +10,9 @@ from test_diagnosis_experiment import NOISE, baseline, model, scene  # noqa: F40
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis import pairs
 from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.dynamics import Damping
-from veo_ti.diagnosis.causes.loads import ForceMagnitude, ForceTiming, HiddenForce
+from veo_ti.diagnosis.causes.loads import ForceMagnitude, HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import shown_by

@@ -101,6 +101,17 @@ def test_first_guess_is_within_a_factor_of_the_truth(sequence, few):
         assert 0.5 * sequence.mu_true.min() < guess < 2 * sequence.mu_true.max()
 
 
+def test_first_guess_does_not_see_what_pushes_all_the_time(sequence):
+    """A constant push against the loads, five times as strong as any: alone it would make the object rigid."""
+    energy, target = problem(sequence, np.arange(24))
+    force = energy.terms[0].force
+    against = -5 * force[np.argmax((force**2).sum(axis=(1, 2)))]
+    true = energy.with_elastic(energy.elastic.with_parameters(np.tile([2e5, 8e5], (energy.elastic.cloud.count, 1))))
+    pushed = Energy.of(true.elastic, [AppliedForce(force=force + against)], energy.fixed)
+    y = equilibrate(pushed, sim_cases.at_rest(energy.elastic.cloud, len(force))).require_converged().y
+    assert guess_modulus(energy, replace(target, y=y)) == pytest.approx(2e5, rel=0.05)
+
+
 def test_motion_without_loads_tells_no_modulus(few):
     energy, seen = few
     idle = replace(energy, terms=tuple(replace(t, force=0 * t.force) for t in energy.terms))

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from blind.world import Trial
 from sim.runtime import ensure
 from veo_ti.diagnosis.causes import CATALOGUE
 from veo_ti.diagnosis.facts import facts
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.run import Diagnosis, diagnose
 from veo_ti.identification import identify
 from veo_ti.observation import Observation
@@ -15,10 +17,10 @@ from veo_ti.observation import Observation
 KNOWN = frozenset(cause.name for cause in CATALOGUE)  # what the toolkit could name
 
 
-def verdict_on(measurement: Path, clean: np.ndarray, sigma: float) -> dict[str, object]:
+def verdict_on(measurement: Path, made: Trial) -> dict[str, object]:
     """What the toolkit says about a measurement, as `veo diagnose` does, in plain values.
 
-    clean (T, M, 3) [m] and sigma [m] are not shown to it: they measure what of the effect the refitted baseline left.
+    What was made is not shown to it: it measures what of the effect the refitted baseline left.
     """
     ensure(threads=1)
     began = time.perf_counter()
@@ -31,18 +33,25 @@ def verdict_on(measurement: Path, clean: np.ndarray, sigma: float) -> dict[str, 
         **{name: value for name, value in said.items() if name != "ranking"},
         "named": [candidate.name for candidate in found.named],
         "ranking": {row["name"]: row for row in rows},
-        "excess_in_noise": _excess(found, found.baseline.shown, clean) / sigma,
-        "excess_after_in_noise": _excess(found, found.final.shown, clean) / sigma,
+        "excess_in_noise": _excess(found, found.baseline, made),
+        "excess_after_in_noise": _excess(found, found.final, made),
         "gain_confirmed": bool(found.gain is not None and found.gain.confirmed),
         "seconds": {"identify": seconds, "diagnose": found.seconds},
     }
 
 
-def _excess(found: Diagnosis, shown: np.ndarray, clean: np.ndarray) -> float:
-    """RMS per coordinate [m] between positions and the noise-free truth where the fit could see it."""
+def left_of(measurement: Path, made: Trial) -> float:
+    """What a refitted baseline leaves of what is hidden, RMS over sigma; no cause is asked for."""
+    ensure(threads=1)
+    found = diagnose(identify(Observation.load(measurement)), ())
+    return _excess(found, found.baseline, made)
+
+
+def _excess(found: Diagnosis, fitted: Refit, made: Trial) -> float:
+    """RMS per coordinate, over sigma, between fitted positions and the noise-free truth where the fit could see it."""
     scene = found.baseline.scene
     counted = scene.target.seen & scene.train[:, None]
-    return float(np.sqrt(np.mean((shown - clean)[counted] ** 2)))
+    return float(np.sqrt(np.mean((fitted.shown - made.clean)[counted] ** 2))) / (1e-3 * made.truth["sigma_mm"])
 
 
 def outcome(truth: dict, said: dict) -> str:

@@ -73,26 +73,32 @@ def run_one(seed: int, out: Path, size: str, mix: str, effect: str | None, setti
     record = {"seed": seed, "size": size, "mix": mix, "effects": list(effects), "setting": setting}
     with threadpool_limits(1):
         try:
-            record |= _made_and_judged(seed, effects, setting, size, out / name)
+            record |= _made_and_judged(seed, effects, setting, size, mix, out / name)
         except Exception as error:  # whatever the toolkit or the generator raises is this trial's result
             record |= {"outcome": "error", "error": repr(error), "traceback": traceback.format_exc()}
     _write(path, json.dumps(record, indent=1))
     return record
 
 
-def _made_and_judged(seed: int, effects: tuple[str, ...], setting: str, size: str, stem: Path) -> dict:
+def _made_and_judged(seed: int, effects: tuple[str, ...], setting: str, size: str, mix: str, stem: Path) -> dict:
     from blind import judging  # it starts the toolkit, which making a trial must not need
 
     measurement, answer = stem.with_suffix(".npz"), stem.with_suffix(".truth.npz")
     began = time.perf_counter()
-    made = world.trial(seed, effects, size=size, setting=setting)
+    given = {"size": size, "setting": setting, "goal": world.CLEAR if mix == "two" else None}
+    made = world.trial(seed, effects, **given)
     made.save(measurement, answer)
     seconds = time.perf_counter() - began
-    said = judging.verdict_on(measurement, made.clean, 1e-3 * made.truth["sigma_mm"])
+    said = judging.verdict_on(measurement, made)
+    each = []
+    for i in range(len(effects) if len(effects) > 1 else 0):
+        alone = world.trial(seed, effects, **given, only=i)
+        alone.save(stem.with_suffix(f".{i}.npz"), stem.with_suffix(f".{i}.truth.npz"))
+        each.append(judging.left_of(stem.with_suffix(f".{i}.npz"), alone))
     return {
         "truth": made.truth, "said": said, "outcome": judging.outcome(made.truth, said),
         "catalogued": [e for e in effects if e in judging.KNOWN], "coverage": judging.covered(made.truth, said),
-        "detectability": judging.detectability(made.truth, said), "seconds_made": seconds,
+        "detectability": judging.detectability(made.truth, said), "seconds_made": seconds, "each_in_noise": each,
     }  # fmt: skip
 
 

@@ -17,7 +17,8 @@ CATALOGUE: dict[str, Draw] = {d.__name__: d for m in (of_material, of_loads, of_
 OUTSIDE: dict[str, Draw] = {d.__name__: d for d in outside.DRAWS}
 PLAN = ("one", "one", "none", "one", "one", "outside", "one", "two", "one", "one", "none", "one", "outside", "one",
         "one", "two", "one", "none", "one", "outside")  # fmt: skip
-MIXES = ("default", "nulls", "harsh")
+MIXES = ("default", "nulls", "harsh", "two")
+CLEAR = (8.0, 30.0)  # goals of the mix of two effects, in units of noise: neither is to drown
 FIRST_JUDGED = 1000
 BRISK = ("inertia",)  # effects that need frames in quick succession
 ALONE = ("disconnection", "prestress")  # effects that change what others would be drawn on
@@ -43,8 +44,8 @@ class Trial:
 def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
     """The effects that a seed hides and its setting: effects take turns, so that all are met equally often."""
     rng = np.random.default_rng([seed, 3])
-    kind = "none" if mix == "nulls" else PLAN[seed % len(PLAN)]
-    harsh = {"default": 0.2, "nulls": 0.5, "harsh": 1.0}[mix]
+    kind = {"nulls": "none", "two": "two"}.get(mix, PLAN[seed % len(PLAN)])
+    harsh = {"default": 0.2, "nulls": 0.5, "harsh": 1.0, "two": 0.2}[mix]
     setting = str(rng.choice(tracking.SETTINGS[1:])) if rng.random() < harsh else "iid"
     rank = seed // len(PLAN) * PLAN.count(kind) + PLAN[: seed % len(PLAN)].count(kind)
     if kind == "one":
@@ -59,11 +60,12 @@ def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
 
 def trial(
     seed: int, effect: str | tuple[str, ...] | None = None, *, size: str = "small", setting: str = "iid",
-    strength: float | None = None,
+    strength: float | None = None, goal: tuple[float, float] | None = None, only: int | None = None,
 ) -> Trial:  # fmt: skip
     """A trial with the named effects ("" or () for none; None: as `plan` has it, the setting too).
 
-    strength: the raw effect to aim at, in units of noise; else drawn from what suits the effect.
+    strength: the raw effect to aim at, in units of noise; else drawn from goal, or from what suits the effect. only:
+    of all that were drawn, hide the one of this index alone, at the amount drawn for it.
     """
     if effect is None:
         effects, setting = plan(seed, "default")
@@ -73,8 +75,9 @@ def trial(
     scene = draw_scene(streams[0], size, brisk=bool(set(effects) & set(BRISK)))
     sigma = float(streams[0].uniform(1e-4, 5e-4))
     hidden = [{**CATALOGUE, **OUTSIDE}[name](streams[1], scene) for name in effects]
-    goals = [strength or float(np.exp(streams[1].uniform(*np.log(h.goal)))) for h in hidden]
-    amounts = [_amount(scene, h, goal * sigma) for h, goal in zip(hidden, goals, strict=True)]
+    goals = [strength or float(np.exp(streams[1].uniform(*np.log(goal or h.goal)))) for h in hidden]
+    hidden, goals = (hidden, goals) if only is None else ([hidden[only]], [goals[only]])
+    amounts = [_amount(scene, h, aim * sigma) for h, aim in zip(hidden, goals, strict=True)]
     clean, amounts = _simulated(scene, hidden, amounts)
     plain = clean[0] + scene.plain_seen
     seen = tracking.tracked(streams[2], clean, sigma, setting, scene.built.spacing)
@@ -85,7 +88,7 @@ def trial(
     keys = _keys(scene, seen, scale, clean[0], gravity=-of_loads.GRAVITY if stated else 0.0)
     raw = _rms(clean - plain, scene)
     truth = {
-        "seed": seed, "size": size, "effects": list(effects), "outside": any(e in OUTSIDE for e in effects),
+        "seed": seed, "size": size, "effects": [h.name for h in hidden], "outside": any(e in OUTSIDE for e in effects),
         "setting": {"name": setting, "force_scale": scale, **seen.details}, "sigma_mm": 1e3 * sigma,
         "raw_mm": 1e3 * raw, "raw_in_noise": raw / sigma, "shape": scene.built.shape.name,
         "planted": [

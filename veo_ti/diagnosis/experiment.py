@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -92,17 +91,14 @@ def _information(scene: Scene, current: Refit, pair: tuple[Refit, Refit], model:
     """Inner products (M, M) of the columns of material, discretisation (zero where not at hand) and both causes."""
     K, n = model.basis.log_mu.shape[1], len(model.prior)
     extra = model.extra if scene is current.scene else ()
-    directions = [d for one in pair for d in directions_of(one.cause, scene, _place(one, scene))]
+    places = [one.place if scene is current.scene else one.cause.elsewhere(scene, one.place) for one in pair]
+    both = zip(pair, places, strict=True)
+    directions = [d for one, place in both for d in directions_of(one.cause, scene, place)]
     A = moments(scene, model.basis, current.around[:K], extra, directions).normal.A
     out = np.zeros((n + len(directions),) * 2)
     rows = np.concatenate([np.arange(K + len(extra)), np.arange(n, n + len(directions))])
     out[np.ix_(rows, rows)] = A
     return out
-
-
-def _place(one: Refit, scene: Scene) -> Any:
-    """Where the cause acts; without a nozzle to turn about, the force is turned where it acts."""
-    return "force" if one.place == "nozzle" and scene.observation.jet is None else one.place
 
 
 def _apart(A: np.ndarray, first: Refit, second: Refit, model: Model, s2: float) -> float:

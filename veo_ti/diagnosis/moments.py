@@ -109,7 +109,7 @@ def moments(
     kept: list[np.ndarray] = []
     m = scene.energy.elastic.m
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
-    solved = _solved(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
+    solved = answered(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
 
     def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for n, S in enumerate(solved if along.carried is None else carried(solved, ways, along.carried, frames)):
@@ -127,11 +127,12 @@ def moments(
     return Moments(normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints)
 
 
-def _solved(
+def answered(
     scene: Scene, forces: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]], frames: np.ndarray,
     remembered: Sequence[Past],
 ) -> Iterator[np.ndarray]:  # fmt: skip
-    """The motions (K + directions, N, 3) of the chosen frames; what is remembered passes through all before them."""
+    """The motions (M, N, 3) of the chosen frames under added forces: forces(frames) gives those of some of the frames,
+    forces(frames)(index) (n, M, N, 3) [N]. What is remembered passes through all frames before them."""
     if not remembered:
         yield from responses(scene.energy.frames(frames), scene.y[frames], forces(frames))
         return

@@ -8,7 +8,7 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.leaders import Progress
-from veo_ti.diagnosis.model import Model
+from veo_ti.diagnosis.model import OURS, Model
 from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, either, explained_by, named, rivals, stands
 
@@ -86,14 +86,17 @@ def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
     """Whether a pair counts: each adds to the other, and what is wrong is explained.
 
     The first one has to be worth as much beside the second (Wald's test). Where some cause explains nearly all alone,
-    two may be its image, and have to explain nearly all that it leaves.
+    two may be its image, and have to explain nearly all that it leaves, or most of it and all but our own error.
     """
     joint = second.refit.apart()[0]
     there = np.max((joint.theta / np.maximum(joint.sd, 1e-300)) ** 2) / 2
     adds = min(second.gained, second.predicted, there) > BETTER and second.plausible
     left = 1 - explained_by((first, second))
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
-    return adds and (stands((first, second)) if least is None else left <= (1 - TOGETHER) * least)
+    if least is None:
+        return adds and stands((first, second))
+    little = (1 - TOGETHER) * least
+    return adds and left <= max(little, min(2 * little, OURS**2))
 
 
 def _near(pairs: Sequence[_Pair]) -> list[_Pair]:

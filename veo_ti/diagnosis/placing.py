@@ -1,16 +1,16 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from sim.evidence import posterior
-from sim.sensitivity import responses
+from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.moments import Fingerprints, carried
+from veo_ti.diagnosis.moments import Fingerprints, answered, carried
 from veo_ti.diagnosis.scene import Scene
 
 _WORTH = 3.0  # nats that another place must promise
@@ -40,48 +40,58 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
     residual, found = scene.target.residual(scene.y), []
     for place in places:
         directions = directions_of(result.cause, scene, place)
-        rows = [np.stack([d.moves(scene, np.array([t]))[0] for d in directions]) for t in result.kept.frames]
+        moves = [np.stack([d.moves(scene, np.array([t]))[0] for d in directions]) for t in result.kept.frames]
+        seen = [scene.target.seen[t] for t in result.kept.frames]
+        rows = [X[:, own].reshape(len(X), -1).astype(np.float32) for X, own in zip(moves, seen, strict=True)]
         found.append(_evidence(result, n, rows, at, residual, prior, model))
     return np.array(found)
 
 
 def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
-    """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full."""
+    """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full.
+
+    In proportion to its only parameter it belongs to the parameter's own fingerprint there.
+    """
     scene, cause, theta = result.scene, result.cause, result.theta
     here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
     ways = [
         Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
         for place in places[1:]
     ]
-    frames, residual, prior = result.kept.frames, scene.target.residual(result.simulated), result.prior
-    taken = np.repeat(residual[None], len(places), axis=0)
-    motion, late = _pushed(scene, ways, frames), cause.carried(scene, theta, result.place)
+    frames, kept, n = result.kept.frames, result.kept.columns, len(result.coefficients)
+    residual, single = scene.target.residual(result.simulated), len(theta) == 1 and theta.all()
+    motion = _pushed(scene, ways, frames, cause.remembered(scene, theta, result.place))
+    late = cause.carried(scene, theta, result.place)
     if late is not None:
         motion = carried(motion, np.zeros((0, scene.cloud.count, 2)), late, frames)
-    for t, S in zip(frames, motion, strict=True):
+    taken, own = np.repeat(residual[None], len(places), axis=0), [[X[n:] for X in kept] for _ in places]
+    for i, (t, S) in enumerate(zip(frames, motion, strict=True)):
         seen = scene.target.seen[t]
-        taken[1:, t, seen] -= S[:, seen]
-    return np.array([_evidence(result, len(prior), None, result.around, r, prior, model) for r in taken])
+        moved = S[:, seen]
+        taken[1:, t, seen] -= moved
+        for place, more in enumerate(moved.reshape(len(ways), -1) if single else (), start=1):
+            own[place][i] = own[place][i] + (more / theta).astype(np.float32)
+    at = zip(own, taken, strict=True)
+    return np.array([_evidence(result, n, rows, result.around, r, result.prior, model) for rows, r in at])
 
 
-def _pushed(scene: Scene, ways: Sequence[Direction], frames: np.ndarray) -> Iterator[np.ndarray]:
+def _pushed(
+    scene: Scene, ways: Sequence[Direction], frames: np.ndarray, remembered: Sequence[Past]
+) -> Iterator[np.ndarray]:
     """The motions (W, N, 3) that directions lead to, frame by frame."""
 
-    def forces(local: np.ndarray) -> np.ndarray:
-        return np.stack([d.forces(scene, frames[local]) for d in ways], axis=1)
+    def forces_of(chosen: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda local: np.stack([d.forces(scene, chosen[local]) for d in ways], axis=1)
 
-    return responses(scene.energy.frames(frames), scene.y[frames], forces)
+    return answered(scene, forces_of, frames, remembered)
 
 
 def _evidence(
-    result: Refit, first: int, rows: Sequence[np.ndarray] | None, at: np.ndarray, residual: np.ndarray,
-    prior: np.ndarray, model: Model,
+    result: Refit, first: int, rows: Sequence[np.ndarray], at: np.ndarray, residual: np.ndarray, prior: np.ndarray,
+    model: Model,
 ) -> float:  # fmt: skip
-    """Of the refit's first columns and a few more motions (d, N, 3) frame by frame, with what they have to explain."""
-    seen, kept = result.scene.target.seen, result.kept
-    columns = []
-    for i, (t, X) in enumerate(zip(kept.frames, kept.columns, strict=True)):
-        own = [] if rows is None else [rows[i][:, seen[t]].reshape(len(rows[i]), -1).astype(np.float32)]
-        columns.append(np.concatenate([X[:first], *own]))
-    normal = Fingerprints(frames=kept.frames, columns=tuple(columns)).parts(residual, seen, at, 1)[0]
+    """Of the refit's first columns and others (d, 3 n) of the points seen frame by frame, with what they explain."""
+    kept = result.kept
+    columns = tuple(np.concatenate([X[:first], own]) for X, own in zip(kept.columns, rows, strict=True))
+    normal = Fingerprints(frames=kept.frames, columns=columns).parts(residual, result.scene.target.seen, at, 1)[0]
     return posterior(normal, prior, np.sqrt(model.s2)).evidence

@@ -12,6 +12,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
 from veo_ti.diagnosis.verdict import (
+    CLEAR,
     EXPLAINED,
     MISFIT,
     SURVIVES,
@@ -53,7 +54,8 @@ def look(
 
     floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: how
     evenly what is wrong goes on, as noise does; shadow: whether `current` explains most already, so that what is left
-    may be its own shadow: only a cause that little can imitate, and that explains nearly all of it, is then named.
+    may be its own shadow: only a cause that explains nearly all of it is then named, and, unless it is clear that
+    something is left, one that little can imitate.
     """
     taken = current.taken_in()
     say("fingerprints of all causes")
@@ -67,7 +69,7 @@ def look(
         return quiet
     if left.like_noise(even):
         return replace(quiet, verdict=nothing(even=True))
-    leaders, others = leaders_of(scores, SURVIVES if shadow else TESTABLE)
+    leaders, others = leaders_of(scores, SURVIVES if shadow and misfit.z < CLEAR else TESTABLE)
     tried, s2 = refitted(leaders, current, model, floor, modes, say)
     candidates = _candidates(tried, current, model, floor, s2, modes)
     if current.cause is None and others and not any(c.plausible and stands([c]) for c in candidates):

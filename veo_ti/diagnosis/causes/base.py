@@ -101,6 +101,10 @@ class Cause:
         """
         return None
 
+    def elsewhere(self, scene: Scene, place: Any) -> Any:
+        """The place in another measurement of the same object."""
+        return place
+
     def begin(self, place: Any) -> tuple[Any, float]:
         """The place at which a fit begins, and how much stiffer the whole object is there [nats]."""
         return place, 0.0

@@ -66,6 +66,12 @@ class Beside(Cause):
         moved = [] if self.found.lags else [(to, second) for to in self.found.near(scene, first)]
         return moved if self.other.lags else moved + [(first, to) for to in self.other.near(scene, second)]
 
+    def closer(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Places, np.ndarray] | None:
+        """Of the second one; the first one has been followed as far as it was before."""
+        first, own = (part for _, part in self.parts)
+        further = self.other.closer(scene, theta[own], place[1])
+        return None if further is None else ((place[0], further[0]), np.concatenate([theta[first], further[1]]))
+
     def places(self, scene: Scene) -> Sequence[Places]:
         """None: both have been placed."""
         return ()

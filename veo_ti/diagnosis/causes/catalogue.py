@@ -1,6 +1,6 @@
 """Every known cause, in the order in which `veo causes` lists them."""
 
-from veo_ti.diagnosis.causes import dynamics, geometry, history, loads, material, measurement, surroundings
+from veo_ti.diagnosis.causes import clocks, dynamics, geometry, history, loads, material, measurement, surroundings
 from veo_ti.diagnosis.causes.base import Cause
 
 CATALOGUE: tuple[Cause, ...] = (
@@ -17,7 +17,7 @@ CATALOGUE: tuple[Cause, ...] = (
     loads.ForceDirection(),
     loads.ForceOffset(),
     loads.ForceMagnitude(),
-    loads.ForceTiming(),
+    clocks.ForceTiming(),
     loads.FollowerLoad(),
     loads.HiddenForce(),
     loads.HiddenTether(),
@@ -28,5 +28,5 @@ CATALOGUE: tuple[Cause, ...] = (
     loads.GravityDirection(),
     measurement.CameraScale(),
     measurement.CorrespondenceSlip(),
-    loads.ClockDrift(),
+    clocks.ClockDrift(),
 )

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.vibration import Vibrations, follow
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
-from veo_ti.diagnosis.causes.swings import Swings
+from veo_ti.diagnosis.causes.swings import Creep, Swings
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
@@ -104,6 +104,10 @@ class Inertia(Cause):
         swings = Swings.of(scene, float(theta[0]), _ratios(scene.vibrations, place))
         return None if swings is None else (replace(place, swings=swings), theta * place.slower / swings.slower)
 
+    def elsewhere(self, scene: Scene, place: Ring) -> Ring:
+        """As small vibrations go."""
+        return replace(place, swings=None)
+
     def describe(self, scene: Scene, place: Ring) -> str:
         """The slowest vibration and its damping ratio, and how the others are damped."""
         slowest = scene.vibrations.omega[0] * np.exp(place.stiffer / 2) / (2 * np.pi)
@@ -124,13 +128,23 @@ class Damping(Cause):
         flow = np.linalg.norm(np.einsum("n,tna->tna", scene.cloud.volume, velocity), axis=2).sum(axis=1)
         return np.array([0.2 * scene.largest_force / max(float(flow.max()), 1e-300)])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Creep | None) -> Change:
         """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        return _behind(scene, scene.relaxations, _delay(theta[0]))
+        beyond = 0.0 if place is None else theta[0] / place.drag * place.beyond
+        return _behind(scene, scene.relaxations, _delay(theta[0]), beyond)
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
         """The delay of the change, and what another stiffness does to the delay."""
         return _further(scene, scene.relaxations, _delay(theta[0]))
+
+    def closer(self, scene: Scene, theta: np.ndarray, place: Creep | None) -> tuple[Creep, np.ndarray] | None:
+        """What the full simulation adds to the linear response."""
+        creep = Creep.of(scene, float(theta[0]))
+        return None if creep is None else (creep, theta)
+
+    def elsewhere(self, scene: Scene, place: Creep | None) -> None:
+        """As small motions go."""
+        return None
 
 
 def _lag(share: float, place: Ring) -> Response:

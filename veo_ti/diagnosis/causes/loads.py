@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sim.terms.handles import Handles
@@ -42,6 +41,10 @@ class ForceDirection(Cause):
             return added(turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape) - scene.forces)
         jet = scene.observation.jet
         return added(scene.blown(replace(jet, direction=turn.apply(jet.direction))) - scene.blown(jet))
+
+    def elsewhere(self, scene: Scene, place: str) -> str:
+        """Without a nozzle to turn about, the force is turned where it acts."""
+        return place if scene.observation.jet is not None else "force"
 
     def describe(self, scene: Scene, place: str) -> str:
         """What is turned."""
@@ -99,40 +102,6 @@ class ForceMagnitude(Cause):
     def describe(self, scene: Scene, place: str) -> str:
         """By which law."""
         return "by a power of its strength" if place == "power" else "by a saturation"
-
-
-class ForceTiming(Cause):
-    """f(t) = f0(t - delay)."""
-
-    name = "force_timing"
-    sentence = "The force comes later (or earlier) than its time stamp."
-    parameters = (Parameter(name="delay", unit="s", sd=0.02),)
-    needs_load = True
-
-    def widths(self, scene: Scene) -> np.ndarray:
-        """About one frame."""
-        return np.array([float(np.median(np.diff(scene.time)))])
-
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """The load history read at shifted times."""
-        return added(_at(scene, scene.time - theta[0]) - scene.forces)
-
-
-class ClockDrift(Cause):
-    """f(t) = f0(t + rate (t - t0))."""
-
-    name = "clock_drift"
-    sentence = "The clock of the cameras and that of the force run at different speeds."
-    parameters = (Parameter(name="rate", unit="-", sd=0.01),)
-    needs_load = True
-
-    def widths(self, scene: Scene) -> np.ndarray:
-        """About one frame over the whole measurement."""
-        return np.array([float(np.median(np.diff(scene.time)) / np.ptp(scene.time))])
-
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """The load history read by the other clock."""
-        return added(_at(scene, scene.time + theta[0] * (scene.time - scene.time[0])) - scene.forces)
 
 
 class FollowerLoad(Cause):
@@ -230,12 +199,6 @@ class GravityDirection(Cause):
         tilted = g + theta
         size = max(float(np.linalg.norm(tilted)), 1e-300)
         return bool(abs(size - np.linalg.norm(g)) < _TILT * np.linalg.norm(spread * tilted / size))
-
-
-def _at(scene: Scene, time: np.ndarray) -> np.ndarray:
-    """The nominal forces at other times (T, N, 3) [N], continued by at most a frame beyond both ends."""
-    first, last = scene.time[:2], scene.time[-2:]
-    return CubicSpline(scene.time, scene.forces, axis=0)(np.clip(time, 2 * first[0] - first[1], 2 * last[1] - last[0]))
 
 
 def at_spot(scene: Scene, point: int) -> str:

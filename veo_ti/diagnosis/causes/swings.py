@@ -1,4 +1,4 @@
-"""What large swings do that small vibrations about the rest shape do not: they slow down, and take other shapes."""
+"""What a large motion does that a small one about the rest shape does not: it swings slower, or takes other shapes."""
 
 import math
 from dataclasses import dataclass
@@ -14,6 +14,8 @@ _STEP = 0.3  # [rad] of the slowest vibration that a step covers: its frequency 
 _FEW = 4  # of the slowest vibrations, over which Rayleigh's two terms keep a damping about the same
 _SLOWER = np.exp(0.02 * np.arange(-40, 41))  # times the mass, with which small vibrations may be as slow as large ones
 _ROUGH = NewtonOptions(tolerance=1e-5)
+_AT_ONCE = 1e-3  # of a frame: how long a body without inertia takes to answer
+_CREEPS = 3  # steps from frame to frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +45,28 @@ class Swings:
         slower = float(_SLOWER[np.argmin(((linear - reached[:, None]) ** 2).sum(axis=(0, 2)))])
         lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios)
         return cls(slower=slower, beyond=full.y - scene.y - modes.motion(lag), share=share)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Creep:
+    """The full simulation of a drag without inertia: what the linear response misses, `beyond` (T, N, 3) [m], at the
+    drag [N s/m4] that it was made with."""
+
+    beyond: np.ndarray
+    drag: float
+
+    @classmethod
+    def of(cls, scene: Scene, drag: float) -> "Creep | None":
+        """Of the scene's object, starting at rest; None where a solve fails."""
+        modes, soon = scene.relaxations, _AT_ONCE * float(np.diff(scene.time).min())
+        full = simulate(
+            scene.energy, time=scene.time, mass=drag * soon * modes.mass, start=scene.y[0], substeps=_CREEPS,
+            damping=Damping(mass=1 / soon), options=_ROUGH,
+        )  # fmt: skip
+        if not full.converged:
+            return None
+        late = modes.motion(modes.delay(scene.y - scene.cloud.x, scene.time, drag=drag))
+        return cls(beyond=full.y - scene.y - late, drag=drag)
 
 
 def _rayleigh(omega: np.ndarray, ratios: np.ndarray) -> Damping:
