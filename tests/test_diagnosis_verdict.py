@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import Candidate, judge, stands
 from veo_ti.diagnosis.visible import Left
@@ -90,3 +91,15 @@ def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
     shared = Left(scene=None, excess=np.sqrt(0.6 / 0.4), noise=1.0)
     assert shared.like_noise(0.6) and not shared.like_noise(0.3)
     assert not shared.like_noise(0.0)  # it stays as it is, or there are too few frames to see
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0])
+def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
+    """theta = (1, 0), seen a hundred times as well as what lies across it; of any scale. Alone it is 6 % of itself."""
+    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    both = SimpleNamespace(cause=None, theta=np.array([1.0, 0.0]), sd=np.zeros(2), covariance=scale * np.diag([1, 1e4]))
+    assert Refit.spread.fget(both) == pytest.approx([0.06, 6.0])
+    both.theta, both.covariance = turn @ both.theta, turn @ both.covariance @ turn.T
+    assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
+    one = SimpleNamespace(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
+    assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])

@@ -7,7 +7,7 @@ import pytest
 from clouds import block, rotation
 
 from sim.cloud import RestCloud
-from sim.terms.jet import DistanceLaw, Jet, jet_forces
+from sim.terms.jet import DistanceLaw, Jet, jet_forces, told_area
 
 DOWN = np.array([[0.0, 0.0, -1.0]])
 
@@ -70,6 +70,19 @@ def test_force_agrees_with_the_finite_element_load_on_a_box():
     total = jet_forces(jet, cloud.x, cloud.area).sum(axis=1)[0]
     expected = fem.surface_load(body.basis, blown.traction(0)).sum(axis=0)
     np.testing.assert_allclose(total, expected, rtol=0.01, atol=1e-3 * np.abs(expected).max())
+
+
+def test_forces_of_three_jets_tell_the_area_and_change_nothing_where_none_blew():
+    x, area = wall(0.3)
+    aim = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [-0.48, 0.6, -0.64]])
+    jet = Jet(position=-aim, direction=aim, force=np.array([2.0, 1.0, 1.0]), footprint=0.1)
+    guess = area * np.random.default_rng(0).uniform(0.5, 1.5, area.shape)
+    told = told_area(jet, x, guess, jet_forces(jet, x, area))
+    near, far = (x**2).sum(axis=1) < 0.1**2, (x**2).sum(axis=1) > 0.7**2
+    np.testing.assert_allclose(told[near], area[near], atol=0.05 * np.abs(area).max())
+    np.testing.assert_array_equal(told[far], guess[far])
+    off = jet_forces(jet, x, told) - jet_forces(jet, x, area)
+    assert np.abs(off).max() < 0.05 * np.abs(jet_forces(jet, x, area)).max()
 
 
 def test_distance_law_is_one_in_the_core_and_falls_by_its_power_beyond():

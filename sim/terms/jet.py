@@ -7,6 +7,8 @@ import numpy as np
 from sim.checks import as_array, require
 from sim.occlusion import reached
 
+_FAINT = 1e-3  # of the highest pressure: less tells nothing of an area
+_KEPT = 1e-3  # of the most that any point is told, which its area counts for as it is
 _WIDE = 20.0  # squared distance from the axis, in squared footprints, beyond which a jet is nothing (e^-10)
 
 
@@ -55,15 +57,8 @@ def jet_forces(
     A dead load takes the rest shape (`RestCloud.x`, `.area`), a follower load the deformed one (`sim.follower`).
     Raises ValueError for a footprint that is not positive and for shapes that do not fit.
     """
-    require(jet.footprint > 0, "footprint", "be positive", jet.footprint)
-    force = as_array("force", jet.force, (None,))
-    position = as_array("position", jet.position, (len(force), 3))[:, None]
-    d = as_array("direction", jet.direction, (len(force), 3))[:, None]
-    y, area = (_batched(name, value, len(force)) for name, value in (("y", y), ("area", area)))
-    arm = y - position
-    along = (arm * d).sum(axis=2)
-    across = ((arm - along[..., None] * d) ** 2).sum(axis=2)
-    pressure = force[:, None] / (2 * np.pi * jet.footprint**2) * np.exp(-across / (2 * jet.footprint**2))
+    y, area = (_batched(name, value, len(jet.force)) for name, value in (("y", y), ("area", area)))
+    position, d, along, across, pressure = _blowing(jet, y)
     if law is not None:
         pressure = pressure * law.factor(along)
     blown = pressure * np.maximum(0.0, -(area * d).sum(axis=2))
@@ -71,6 +66,34 @@ def jet_forces(
         asked = (across < _WIDE * jet.footprint**2) & (blown > 0)
         blown = blown * _reached(position[:, 0], d[:, 0], y, area, spacing, asked)
     return blown[..., None] * d
+
+
+def told_area(jet: Jet, x: np.ndarray, area: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Outward area vectors (N, 3) [m2] of points x (N, 3) [m] with which the jet's forces are the given (T, N, 3) [N].
+
+    Least squares of `f . d = p max(0, -A . d)` over the frames that blow on a point, and as near to `area` (N, 3) as
+    they let it: where no jet came, and across all that came, nothing changes.
+    """
+    d, pressure = (_blowing(jet, _batched("x", x, len(jet.force)))[i] for i in (1, 4))
+    given, facing = (forces * d).sum(axis=2), -(area * d).sum(axis=2)
+    blown = pressure * ((given > 0) | (facing > 0)) * (pressure > _FAINT * pressure.max())
+    known = np.einsum("tn,ta,tb->nab", blown**2, d[:, 0], d[:, 0])
+    right = np.einsum("tn,ta->na", blown * (blown * facing - given), d[:, 0])
+    least = _KEPT * float((blown**2).sum(axis=0).max())
+    return area + np.linalg.solve(known + max(least, 1e-300) * np.eye(3), right[..., None])[..., 0]
+
+
+def _blowing(jet: Jet, y: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Nozzle and direction (T, 1, 3) of a jet; distance along, squared across its axis, pressure on it, all (T, N)."""
+    require(jet.footprint > 0, "footprint", "be positive", jet.footprint)
+    force = as_array("force", jet.force, (None,))
+    position = as_array("position", jet.position, (len(force), 3))[:, None]
+    d = as_array("direction", jet.direction, (len(force), 3))[:, None]
+    arm = y - position
+    along = (arm * d).sum(axis=2)
+    across = ((arm - along[..., None] * d) ** 2).sum(axis=2)
+    pressure = force[:, None] / (2 * np.pi * jet.footprint**2) * np.exp(-across / (2 * jet.footprint**2))
+    return position, d, along, across, pressure
 
 
 def _reached(

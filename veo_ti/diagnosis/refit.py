@@ -162,7 +162,8 @@ def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line)
     short = np.inf if way.broken(cost) else way.gain
     best = way.found.mean[:n] if done else state.coefficients
     return Refit(
-        cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:], scene=state.scene,
-        without=state.without, coefficients=best, normal=way.normal, prior=problem.prior, around=around,
-        kept=line.kept, short=short, converged=bool(done), numerics=problem.numerics(best),
+        cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
+        covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,
+        normal=way.normal, prior=problem.prior, around=around, kept=line.kept, short=short, converged=bool(done),
+        numerics=problem.numerics(best),
     )  # fmt: skip

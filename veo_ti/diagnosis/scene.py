@@ -12,7 +12,7 @@ from sim.fit import Target
 from sim.laws.history import Memory
 from sim.recollection import Recollection
 from sim.sensitivity import responses
-from sim.terms.jet import Jet
+from sim.terms.jet import Jet, jet_forces, told_area
 from sim.vibration import Vibrations
 from veo_ti.observation import Observation
 from veo_ti.scene import blown, forces_of
@@ -67,8 +67,15 @@ class Scene:
         return forces_of(self.observation, self.cloud)
 
     def blown(self, jet: Jet) -> np.ndarray:
-        """The forces of a jet (T, N, 3) [N], by the same rule as the nominal ones."""
-        return blown(self.observation, self.cloud, jet)
+        """The forces of a jet (T, N, 3) [N], by the same rule as the nominal ones; on the area that those tell."""
+        if self._told_area is None:
+            return blown(self.observation, self.cloud, jet)
+        return jet_forces(jet, self.cloud.x, self._told_area)
+
+    @cached_property
+    def _told_area(self) -> np.ndarray | None:
+        given, jet, cloud = self.observation.forces, self.observation.jet, self.cloud
+        return None if given is None or jet is None else told_area(jet, cloud.x, cloud.area, given)
 
     @cached_property
     def total_force(self) -> np.ndarray:
