@@ -2,6 +2,9 @@
 
 from types import SimpleNamespace
 
+import pytest
+
+from veo_ti.diagnosis import leaders
 from veo_ti.diagnosis.leaders import leaders_of
 
 
@@ -27,3 +30,18 @@ def test_what_the_nuisances_imitate_or_no_evidence_speaks_for_is_not_refitted():
 def test_at_most_three_wait():
     others = leaders_of(scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg")), 0.05)[1]
     assert names(others) == "cde"
+
+
+@pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
+def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monkeypatch):
+    found, looks = SimpleNamespace(place=1, coefficients=None, theta=None, without=None, evidence=lambda s2: 0.0), []
+    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
+    model = SimpleNamespace(s2=1.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
+    before, again = (leaders._Tried(result=found, model=model, left=left, fine=False) for left in (1.0, then))
+    before.__dict__.update(tuned=found, following=model, place=2)
+    monkeypatch.setattr(leaders, "refit", lambda *given, **more: looks.append(more["place"]))
+    monkeypatch.setattr(leaders._Tried, "of", lambda *given, **more: again)
+    after = leaders._looked(before, 0.9, 0.0, None, str)
+    assert looks == [2] and (after is again) == taken
+    if not taken:
+        assert after.result is found and leaders._looked(after, 0.9, 0.0, None, str) is after

@@ -115,15 +115,16 @@ def _amount(scene: Scene, hidden: Hidden, goal: float) -> float:
 def _simulated(
     scene: Scene, hidden: list[Hidden], amounts: list[float], hurry: int = 1
 ) -> tuple[np.ndarray, list[float]]:
-    """What is seen without noise, (T, M, 3) [m]; amounts are lowered until an equilibrium is found.
+    """What is seen without noise, (T, M, 3) [m]; amounts are lowered, and steps in time shortened, until an equilibrium
+    is found.
 
     hurry: time steps longer by so much, for a first look.
     """
-    for _ in range(TRIES):
+    for shorter in range(1, TRIES + 1):
         model = Model.plain(scene)
         for h, amount in zip(hidden, amounts, strict=True):
             model = h.change(model, amount)
-        model = replace(model, steps=max(1, model.steps // hurry))
+        model = replace(model, steps=max(1, shorter * model.steps // hurry))
         try:
             return model.seen(scene)[0], amounts
         except RuntimeError as error:

@@ -22,6 +22,7 @@ _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, s
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
 _LOOKS = 4  # at most that a cause gets, each; and
+_LOST = 1.5  # times the variance, which a look may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 _IN_REACH, _NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
@@ -80,6 +81,7 @@ class _Tried:
     model: Model
     left: float
     fine: bool  # whether the refit went to its end
+    spent: bool = False  # whether another look at it led nowhere
 
     @classmethod
     def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "_Tried":
@@ -106,8 +108,8 @@ class _Tried:
 
 def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> _Tried:
     """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
-    refitted material; to the end if it leaves little `enough`."""
-    if tried.left > _NEARBY * least:
+    refitted material; to the end if it leaves little `enough`. As it was, if that leads away."""
+    if tried.spent or tried.left > _NEARBY * least:
         return tried
     result, s2, place = tried.tuned, tried.left, tried.place
     cause, fine, more = result.cause, s2 < enough, result.evidence(s2) - tried.result.evidence(s2)
@@ -121,7 +123,8 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
         place, start, far = _begun(cause, place, start, tried.model)
     theta = result.theta if far is None else far
     again = refit(result.without, tried.following, start, cause=cause, place=place, theta=theta, rough=not fine)
-    return _Tried.of(again, tried.following, modes, fine=fine)
+    looked = _Tried.of(again, tried.following, modes, fine=fine)
+    return looked if looked.left < _LOST * tried.left else replace(tried, spent=True)
 
 
 def _beyond(tried: _Tried, modes: np.ndarray, say: Progress) -> _Tried:
