@@ -18,9 +18,9 @@ from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.rounds import look, statistics_of
+from veo_ti.diagnosis.rounds import Round, look, statistics_of, with_more
 from veo_ti.diagnosis.score import Misfit
-from veo_ti.diagnosis.verdict import Candidate, unexplained
+from veo_ti.diagnosis.verdict import Candidate, named, unexplained
 
 FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), np.array([0.02, 0.0, 3e-3, 0.0])
 
@@ -101,7 +101,7 @@ def test_two_that_explain_together_what_none_explains_alone_are_named(filmed, mo
     modes = model.basis.field.modes[:, :12]
     first = look(wrong, model, NOISE**2, modes, causes, lambda text: None)
     alone = replace(first, verdict=unexplained(()))
-    found = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None)
+    found = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None, None)
     assert found is not None
     assert {r.verdict.causes[0].name for r in found} == {"hidden_force", "camera_scale"}
     before, after = (statistics_of(one, model, modes).misfit() for one in (wrong, found[1].verdict.causes[0].refit))
@@ -161,7 +161,7 @@ def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed
     modes = model.basis.field.modes[:, :12]
     causes = [HiddenForce(), OtherForce(), CameraScale()]
     alone = replace(look(wrong, model, NOISE**2, modes, causes, lambda text: None), verdict=unexplained(()))
-    said = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None)
+    said = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None, None)
     assert said is not None
     first, second = said
     assert (first.verdict.kind, [c.name for c in first.verdict.causes]) == ("named", ["camera_scale"])
@@ -171,3 +171,31 @@ def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed
     parts = {part.cause.name: part for part in second.extended.apart()}
     assert parts["camera_scale"].theta[0] == pytest.approx(SCALE[0], abs=4 * parts["camera_scale"].sd[0])
     assert first.verdict.causes[0].refit.theta[0] == parts["camera_scale"].theta[0]
+
+
+@pytest.mark.parametrize(("alone_there", "names"), [(197.0, ["a"]), (180.0, ["a", "b"])])
+def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone_there, names, monkeypatch):
+    """Both together are worth 200 nats: no more than the first one alone where it is beside the second."""
+    both = pair("a", "b", 200, leaves=0.0)
+    first = replace(both.first, explained=0.8)
+    left, moved = Misfit(energy=0.0, mean=0.0, sd=1.0), SimpleNamespace(evidence=lambda s2: alone_there)
+    alone = Round(misfit=left, scores=(), candidates=(first,), verdict=unexplained(()), s2=1.0)
+    found = replace(alone, candidates=(both.second,))
+    monkeypatch.setattr(pairs, "look", lambda *given, **more: found)
+    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
+    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: moved)
+    given = lambda c: (None, 1.0), None, [both.second], str, lambda more: replace(alone, verdict=named(both.first))
+    said = pairs.two_at_once(alone, *given)
+    assert [r.verdict.causes[0].name for r in said] == names
+
+
+def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # noqa: F811
+    wrong, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
+    elsewhere, force = list(HiddenForce().places(filmed))[9], np.array(FORCE)
+    at = elsewhere, place[0]
+    far, there = (refit(filmed, model, wrong.coefficients, cause=HiddenForce(), place=p, theta=force) for p in at)
+    first = look(wrong, model, NOISE**2, modes, [], lambda text: None)
+    once = with_more(first, [far], wrong, model, NOISE**2, modes)
+    for more in ([there], [far, there], [there, far]):
+        assert with_more(once, more, wrong, model, NOISE**2, modes).candidates[0].refit.place is place[0]
+    assert with_more(once, [there], wrong, model, NOISE**2, modes).candidates[0].gained > once.candidates[0].gained

@@ -8,7 +8,8 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.leaders import Progress
-from veo_ti.diagnosis.model import OURS, Model
+from veo_ti.diagnosis.model import OURS, Model, Refit
+from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look
 from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, either, explained_by, named, rivals, stands
 
@@ -27,6 +28,21 @@ class _Pair:
     def names(self) -> frozenset[str]:
         return frozenset((self.first.name, self.second.name))
 
+    @property
+    def worth(self) -> float:
+        """Log evidence of both."""
+        return self.second.refit.tuned(self.model, self.found.s2).evidence(self.found.s2)
+
+    def first_alone(self, say: Progress) -> Refit | None:
+        """The first one refitted alone where it is beside the second, if that is another place than before."""
+        joint = self.second.refit.apart()[0]
+        if joint.place is self.first.refit.place:  # places may be arrays
+            return None
+        say(f"{self.first.name} alone, where it is beside {self.second.name}")
+        there, start = replace(self.model, s2=self.found.s2), self.first.refit
+        own = refit(start.without, there, joint.coefficients, cause=joint.cause, place=joint.place, theta=joint.theta)
+        return own.tuned(there, there.s2)
+
     def part(self, name: str) -> Candidate:
         """The one of that name, with the parameters that both have together."""
         chosen = self.first if self.first.name == name else self.second
@@ -35,11 +51,13 @@ class _Pair:
 
 def two_at_once(
     alone: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
-    say: Progress,
-) -> tuple[Round, Round] | None:  # fmt: skip
+    say: Progress, again: Callable[[Sequence[Refit]], Round],
+) -> tuple[Round, ...] | None:  # fmt: skip
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
-    alone: a round that named none; narrower(candidate): model and floor once that cause is part of it. A second cause
+    alone: a round that named none; narrower(candidate): model and floor once that cause is part of it; again(refits):
+    the round with further refits. Where a first cause only had to move, and beside it the second adds nothing, that
+    round names it alone. A second cause
     is looked for beside each of the two that explain most, at least half, and beside those that explain nearly as much;
     both are refitted together. Beside one that explains nearly all it may be a shadow, and has to be as sure as one
     beside a named cause. Where all pairs that come near have one cause in common, that one is named and the second
@@ -49,14 +67,23 @@ def two_at_once(
         c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
     ]
     pairs: list[_Pair] = []
+    lone: list[Refit] = []
     starts = sorted(starts, key=lambda c: -c.explained)[: _MOST if causes else 0]
     for start in [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]:
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
         others = [c for c in causes if c.name != start.name]
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]))
-        held = [c for c in found.candidates if _holds(start, c, alone)]
-        pairs += [_Pair(first=start, second=c, found=found, model=model) for c in held]
+        for second in (c for c in found.candidates if _holds(start, c, alone)):
+            pair = _Pair(first=start, second=second, found=found, model=model)
+            first = pair.first_alone(say)
+            if first is None or pair.worth - first.evidence(found.s2) > BETTER:
+                pairs.append(pair)
+            else:
+                lone.append(first)
+    single = again(lone) if lone else alone
+    if single.verdict.kind == "named" and stands(single.verdict.causes):
+        return (single,)
     near = _near(pairs)
     if not near or not near[0].second.settled:
         return None
@@ -107,7 +134,7 @@ def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
     if not pairs:
         return []
     s2 = min(p.found.s2 for p in pairs)
-    worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}
+    worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}  # at the same noise
     best, *others = sorted(pairs, key=lambda p: p.second.promised - worth[id(p)])
     gained = best.first.gained + best.second.gained
 

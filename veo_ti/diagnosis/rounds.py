@@ -91,6 +91,18 @@ def look(
     )  # fmt: skip
 
 
+def with_more(
+    found: Round, more: Sequence[Refit], current: Refit, model: Model, floor: float, modes: np.ndarray
+) -> Round:  # fmt: skip
+    """A first look with further refits of its causes, of each the best one."""
+    every = [*found.candidates, *_candidates(more, current, model, floor, found.s2, modes)]
+    best = {c.name: c for c in sorted(every, key=lambda c: c.gained)}
+    candidates = tuple(sorted(best.values(), key=lambda c: -c.gained))
+    verdict = judge(found.misfit, candidates)
+    extended = verdict.causes[0].refit if verdict.kind == "named" else None
+    return replace(found, candidates=candidates, verdict=verdict, extended=extended, experiment=None)
+
+
 def _candidates(
     tried: Sequence[Refit], current: Refit, model: Model, floor: float, s2: float, modes: np.ndarray
 ) -> list[Candidate]:

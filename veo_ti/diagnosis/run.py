@@ -16,7 +16,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, evenness, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.rounds import Round, look
+from veo_ti.diagnosis.rounds import Round, look, with_more
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, stands, unexplained
 from veo_ti.diagnosis.visible import Left
@@ -89,8 +89,12 @@ def diagnose(
         return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
 
     even = evenness(scene, modes)  # judged as identified, before noise counts as fewer data
-    rounds = _rounds(look(baseline, model, noise.variance, modes, open_causes, say, even=even), narrower, modes,
-                     open_causes if second else (), say)  # fmt: skip
+    first = look(baseline, model, noise.variance, modes, open_causes, say, even=even)
+
+    def again(more: Sequence[Refit]) -> Round:
+        return with_more(first, more, baseline, model, noise.variance, modes)
+
+    rounds = _rounds(first, narrower, modes, open_causes if second else (), say, again)
     current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
@@ -107,7 +111,7 @@ def diagnose(
 
 def _rounds(
     first: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
-    say: Progress,
+    say: Progress, again: Callable[[Sequence[Refit]], Round],
 ) -> list[Round]:  # fmt: skip
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
     also tell apart those of which each leaves clear misfit.
@@ -128,7 +132,7 @@ def _rounds(
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
     alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first
-    return list(two_at_once(alone, narrower, modes, causes, say) or [alone])
+    return list(two_at_once(alone, narrower, modes, causes, say, again) or [alone])
 
 
 def _scene(found: Identification) -> tuple[Scene, Basis, np.ndarray]:
