@@ -6,6 +6,7 @@ import numpy as np
 
 from sim.checks import require
 from sim.cloud import RestCloud
+from sim.elastic import Elastic
 from sim.lame import Lame
 from sim.newton import NewtonOptions
 from sim.prior import FieldModes
@@ -84,6 +85,11 @@ class Basis:
         nu = self.options.poisson
         mu = np.exp(self.centre + self.log_mu @ a)
         return Lame(mu=mu, lam=mu * np.exp(np.log(2 * nu / (1 - 2 * nu)) + self.log_ratio @ a))
+
+    def elastic(self, elastic: Elastic, a: np.ndarray) -> Elastic:
+        """The elastic energy with the material of coefficients a."""
+        lame = self.lame(a)
+        return elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1))
 
     def stiffer(self, a: np.ndarray, nats: float) -> np.ndarray:
         """Coefficients (K + ...,) of an object whose mu and lam are exp(nats) times those of a, everywhere."""

@@ -135,7 +135,7 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     u, d = np.where(target.seen[..., None], u, 0.0), target.residual(rest)
     apart = target.differing(u)
     if (apart**2).sum() > _DIFFER * (u**2).sum():
-        u, d = apart, target.differing(target.y - rest)
+        u, d = apart, target.differing(d)
     scale = (u * d).sum() / (u**2).sum()
     return mu / max(float(scale), 1e-6)
 
@@ -168,8 +168,7 @@ def normal_equations(
 
     more (T, L, N, 3) [N]: what the loads would change by with L parameters that follow the coefficients, now zero.
     """
-    lame = basis.lame(state.a)
-    moved = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
+    lame, moved = basis.lame(state.a), energy.with_elastic(basis.elastic(energy.elastic, state.a))
     residual, frames = target.residual(state.y), []
     for t, S in enumerate(sensitivities(moved, state.y, basis.directions(lame), more=more)):
         J = S[:, target.seen[t]].reshape(len(S), -1)

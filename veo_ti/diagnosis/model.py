@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from sim.basis import Basis
-from sim.elastic import Elastic
 from sim.evidence import Normal, left_out, posterior
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.causes.beside import Beside
@@ -50,11 +49,6 @@ class Model:
         lengths = [max(share * basis.size, 2 * basis.spacing) for share in _LENGTHS]
         choices = [np.concatenate([basis.prior(length, a), prior[K:]]) for length in lengths for a in _AMPLITUDES]
         return max([prior, *choices], key=lambda choice: posterior(normal, choice, np.sqrt(s2)).evidence)
-
-    def elastic(self, elastic: Elastic, a: np.ndarray) -> Elastic:
-        """The elastic energy with the material of coefficients a."""
-        lame = self.basis.lame(a)
-        return elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,10 +28,9 @@ class _Pair:
     def names(self) -> frozenset[str]:
         return frozenset((self.first.name, self.second.name))
 
-    @property
-    def worth(self) -> float:
-        """Log evidence of both."""
-        return self.second.refit.tuned(self.model, self.found.s2).evidence(self.found.s2)
+    def worth(self, s2: float) -> float:
+        """Log evidence of both at a variance of the noise [m2]."""
+        return self.second.refit.tuned(self.model, s2).evidence(s2)
 
     def first_alone(self, say: Progress) -> Refit | None:
         """The first one refitted alone where it is beside the second, if that is another place than before."""
@@ -77,7 +76,7 @@ def two_at_once(
         for second in (c for c in found.candidates if _holds(start, c, alone)):
             pair = _Pair(first=start, second=second, found=found, model=model)
             first = pair.first_alone(say)
-            if first is None or pair.worth - first.evidence(found.s2) > BETTER:
+            if first is None or pair.worth(found.s2) - first.evidence(found.s2) > BETTER:
                 pairs.append(pair)
             else:
                 lone.append(first)
@@ -134,7 +133,7 @@ def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
     if not pairs:
         return []
     s2 = min(p.found.s2 for p in pairs)
-    worth = {id(p): p.second.refit.tuned(p.model, s2).evidence(s2) for p in pairs}  # at the same noise
+    worth = {id(p): p.worth(s2) for p in pairs}
     best, *others = sorted(pairs, key=lambda p: p.second.promised - worth[id(p)])
     gained = best.first.gained + best.second.gained
 

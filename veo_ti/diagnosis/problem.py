@@ -48,7 +48,7 @@ class Problem:
 
     def energy(self, coefficients: np.ndarray) -> Energy:
         """With the material of these coefficients, without the cause."""
-        return self.base.with_elastic(self.model.elastic(self.base.elastic, coefficients[: self.materials]))
+        return self.base.with_elastic(self.model.basis.elastic(self.base.elastic, coefficients[: self.materials]))
 
     def change(self, scene: Scene, theta: np.ndarray) -> Change:
         """What the cause does."""

@@ -147,8 +147,7 @@ def _scene(found: Identification) -> tuple[Scene, Basis, np.ndarray]:
     if found.fit.centre + a[0] > np.log(_STIFF * stiffness):
         a, options = np.zeros_like(a), replace(found.options.fit, mean_sd=_AS_STIFF)
         basis = Basis.of(energy.elastic.cloud, options, stiffness)
-        lame = basis.lame(a)
-        energy = energy.with_elastic(energy.elastic.with_parameters(np.stack([lame.mu, lame.lam], axis=1)))
+        energy = energy.with_elastic(basis.elastic(energy.elastic, a))
         reached = judged(found.observation, energy, found.rest.y)
     target = replace(reached.target, seen=reached.target.seen & reached.converged[:, None])
     train = np.isin(np.arange(len(target.y)), found.train)
