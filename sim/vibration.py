@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from sim.checks import as_array, require
@@ -12,6 +13,7 @@ from sim.energy import Energy
 from sim.linear import Layout
 from sim.runtime import serial_blas
 
+FINER = 4  # stretches between frames, in which a smooth course is followed
 _SLIGHT = 1e-4  # of the spacing, by which a mode bends the rest shape
 
 
@@ -62,24 +64,27 @@ class Vibrations:
         return np.einsum("tk,kna->tna", coordinates, self.shapes, optimize=True)
 
     def lag(
-        self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray
-    ) -> np.ndarray:
+        self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray,
+        smooth: bool = False,
+    ) -> np.ndarray:  # fmt: skip
         """What inertia adds to the coordinates p of a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, K).
 
         Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the
-        mass, the damping ratio zeta, one for all or one a mode, and p linear between frames; x - p is returned. Exact
-        in time, linear about the rest shape and in u. No mass, no lag.
+        mass, the damping ratio zeta, one for all or one a mode, and p linear or `smooth` between frames (see `finer`);
+        x - p is returned. Exact in time, linear about the rest shape and in u. No mass, no lag.
         """
         p = self.coordinates(displacement)
-        return follow(self.omega / np.sqrt(inertia), damping, p, time) - p if inertia > 0 else np.zeros_like(p)
+        if not inertia > 0:
+            return np.zeros_like(p)
+        return follow(self.omega / np.sqrt(inertia), damping, p, time, smooth=smooth) - p
 
-    def delay(self, displacement: np.ndarray, time: np.ndarray, *, drag: float) -> np.ndarray:
+    def delay(self, displacement: np.ndarray, time: np.ndarray, *, drag: float, smooth: bool = False) -> np.ndarray:
         """What a drag `-drag m_i v_i` adds to the coordinates of a quasi-static motion u (T, N, 3) [m], (T, K).
 
         drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
         """
         p = self.coordinates(displacement)
-        return relax(self.omega**2 / drag, p, time) - p if drag > 0 else np.zeros_like(p)
+        return relax(self.omega**2 / drag, p, time, smooth=smooth) - p if drag > 0 else np.zeros_like(p)
 
     def tuning(self, elastic: Elastic, change: np.ndarray) -> np.ndarray:
         """d omega (K,) [rad/s] under a small change of the elastic parameters (N, P), to first order.
@@ -92,8 +97,22 @@ class Vibrations:
         return (self.shapes * (ahead - behind)).sum(axis=(1, 2)) / (4 * step * self.omega)
 
 
-def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) linear between times (T,) [s]."""
+def finer(p: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A course p (T, ...) at times (T,) read smoothly at `FINER` times as many, the first of each with a frame.
+
+    By a cubic spline, which is linear in p.
+    """
+    at = np.interp(np.arange(FINER * (len(time) - 1) + 1) / FINER, np.arange(len(time)), time)
+    return CubicSpline(time, p, axis=0)(at), at
+
+
+def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray, *, smooth: bool = False) -> np.ndarray:
+    """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) linear between times (T,) [s].
+
+    smooth: p is read by `finer` in between.
+    """
+    if smooth and len(time) > 1:
+        return relax(rate, *finer(p, time))[::FINER]
     x = np.empty_like(p)
     x[0] = p[0]
     for t, h in enumerate(np.diff(time)):
@@ -102,12 +121,17 @@ def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
     return x
 
 
-def follow(omega: np.ndarray, zeta: float | np.ndarray, p: np.ndarray, time: np.ndarray) -> np.ndarray:
+def follow(
+    omega: np.ndarray, zeta: float | np.ndarray, p: np.ndarray, time: np.ndarray, *, smooth: bool = False
+) -> np.ndarray:
     """Damped oscillators `x'' + 2 zeta omega x' + omega^2 (x - p) = 0`, at rest at the first frame, (T, K).
 
     p (T, K) is linear between the times (T,) [s], so each stretch has the closed form `x = p - 2 zeta/omega p' + e`
-    with e a free vibration. With frequencies (C, K) and p (T, 1, K) all C are followed at once, (T, C, K).
+    with e a free vibration. With frequencies (C, K) and p (T, 1, K) all C are followed at once, (T, C, K). smooth: p
+    is read by `finer` in between.
     """
+    if smooth and len(time) > 1:
+        return follow(omega, zeta, *finer(p, time))[::FINER]
     # The double root of critical damping has another form.
     zeta = np.where(np.abs(np.subtract(zeta, 1)) < 1e-6, 1 + 1e-6, zeta)
     root = np.sqrt((zeta**2 - 1).astype(complex))

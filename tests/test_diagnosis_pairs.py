@@ -66,13 +66,14 @@ def test_two_causes_push_with_both_and_show_both(scene, both, place):  # noqa: F
 def test_fingerprint_of_a_force_is_shown_as_all_that_is_seen(scene, model, place, cause, times):  # noqa: F811
     """Against other solves with the force both ways, shown as a braked object would be, or one whose points slide."""
     shown = times * cause.widths(scene)
-    both, at, theta = Beside(cause, HiddenForce()), (None, place[0]), np.array([*shown, 0.0, 0.0, 0.0])
+    own = next(iter(cause.places(scene)))
+    both, at, theta = Beside(cause, HiddenForce()), (own, place[0]), np.array([*shown, 0.0, 0.0, 0.0])
 
     def seen(force: float) -> np.ndarray:
         pushed = HiddenForce().change(scene, np.array([0.0, force, 0.0]), place[0])
         energy = replace(scene.energy, terms=(*scene.energy.terms, *pushed.terms))
         y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-9)).require_converged().y
-        return shown_by(moved := scene.moved(energy, y), cause.change(moved, shown, None))
+        return shown_by(moved := scene.moved(energy, y), cause.change(moved, shown, own))
 
     slope = (seen(2e-5) - seen(-2e-5)) / 4e-5
     K, directions = model.basis.log_mu.shape[1], directions_of(both, scene, at, theta)

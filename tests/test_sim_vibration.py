@@ -21,28 +21,53 @@ TIME = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.7])  # [s]
 PATH = np.array([0.0, 1.0, -0.5, 0.2, 0.2, 0.0])
 
 
+def _integrated(course, omega: float, zeta: float, time: np.ndarray) -> np.ndarray:
+    def slope(t, state):
+        return [state[1], -2 * zeta * omega * state[1] - omega**2 * (state[0] - course(t))]
+
+    return solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.01).y[0]
+
+
+def _relaxed(course, rate: float, time: np.ndarray) -> np.ndarray:
+    def slope(t, x):
+        return rate * (course(t) - x)
+
+    return solve_ivp(slope, (0, time[-1]), [0], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.01).y[0]
+
+
+def _line(t: float) -> np.ndarray:
+    return np.interp(t, TIME, PATH)
+
+
+def _course(t: np.ndarray) -> np.ndarray:
+    return np.sin(4 * t) ** 2
+
+
 @pytest.mark.parametrize("zeta", [0.0, 0.05, 0.7, 1.0, 2.5])
 def test_oscillator_follows_a_broken_line_as_an_integrator_does(zeta):
     omega = np.array([3.0, 11.0])
     x = follow(omega, zeta, np.repeat(PATH[:, None], 2, axis=1), TIME)
     for k, w in enumerate(omega):
-
-        def slope(t, state, w=w):
-            return [state[1], -2 * zeta * w * state[1] - w**2 * (state[0] - np.interp(t, TIME, PATH))]
-
-        found = solve_ivp(slope, (0, TIME[-1]), [0, 0], t_eval=TIME, rtol=1e-9, atol=1e-11, max_step=0.01)
-        assert np.abs(x[:, k] - found.y[0]).max() < 1e-5
+        assert np.abs(x[:, k] - _integrated(_line, w, zeta, TIME)).max() < 1e-5
 
 
 def test_relaxation_follows_a_broken_line_as_an_integrator_does():
     rate = np.array([0.7, 20.0])
     x = relax(rate, np.repeat(PATH[:, None], 2, axis=1), TIME)
     for k, r in enumerate(rate):
-        found = solve_ivp(
-            lambda t, x, r=r: r * (np.interp(t, TIME, PATH) - x), (0, TIME[-1]), [0], t_eval=TIME, rtol=1e-9,
-            atol=1e-11, max_step=0.01,
-        )  # fmt: skip
-        assert np.abs(x[:, k] - found.y[0]).max() < 1e-5
+        assert np.abs(x[:, k] - _relaxed(_line, r, TIME)).max() < 1e-5
+
+
+def test_a_smooth_course_seen_at_a_few_frames_is_followed_closer_as_a_smooth_one():
+    time = np.linspace(0, 2, 17)  # six frames a period
+    seen = _course(time)[:, None]
+    rate, omega = np.array([8.0]), np.array([11.0])
+    for exact, follower in (
+        (_relaxed(_course, 8.0, time), lambda smooth: relax(rate, seen, time, smooth=smooth)),
+        (_integrated(_course, 11.0, 0.1, time), lambda smooth: follow(omega, 0.1, seen, time, smooth=smooth)),
+    ):
+        linear, smooth = (np.abs(follower(way)[:, 0] - exact).max() for way in (False, True))
+        assert smooth < 0.02 and smooth < 0.25 * linear
 
 
 def test_delay_is_what_heavy_damping_leaves_of_the_lag(box):

@@ -9,7 +9,7 @@ from sim.evidence import posterior
 from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.model import Model, Refit, shown_by
 from veo_ti.diagnosis.moments import Fingerprints, answered, carried
 from veo_ti.diagnosis.scene import Scene
 
@@ -19,15 +19,18 @@ _WORTH = 3.0  # nats that another place must promise
 def better_place(result: Refit, model: Model) -> Any:
     """The place near that of a refitted cause at which it would explain most, material and parameters moving with it.
 
-    Linear about the refit: a cause that lags, and pushes nothing, is tried at each place as if it were new;
-    any other is taken from its place to another as it is.
+    Linear about the refit: it is taken from its place to another as it is; a cause that lags, and pushes nothing, is
+    also tried at each place as if it were new.
     """
     cause = result.cause
     others = cause.places(result.without) if cause.lags else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if len(places) == 1:
         return result.place
-    evidence = _as_new(result, model, places) if cause.lags else _moved(result, model, places)
+    evidence = _moved(result, model, places)
+    if cause.lags:
+        new = _as_new(result, model, places)
+        evidence = np.maximum(evidence - evidence[0], new - new[0])
     best = int(np.argmax(evidence))
     return places[best] if evidence[best] > evidence[0] + _WORTH else result.place
 
@@ -48,31 +51,44 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
 
 
 def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
-    """Evidence at each place for a cause that pushes: what taking it there adds is one more motion, in full.
+    """Evidence at each place: what taking the cause there adds is one more motion, in full.
 
     In proportion to its only parameter it belongs to the parameter's own fingerprint there.
     """
+    scene, theta, n = result.scene, result.theta, len(result.coefficients)
+    frames, kept = result.kept.frames, result.kept.columns
+    residual, single = scene.target.residual(result.simulated), len(theta) == 1 and theta.all()
+    taken, own = np.repeat(residual[None], len(places), axis=0), [[X[n:] for X in kept] for _ in places]
+    motion = _shown_elsewhere(result, places) if result.cause.lags else _pushed_elsewhere(result, places)
+    for i, (t, S) in enumerate(zip(frames, motion, strict=True)):
+        seen = scene.target.seen[t]
+        moved = S[:, seen]
+        taken[1:, t, seen] -= moved
+        for place, more in enumerate(moved.reshape(len(moved), -1) if single else (), start=1):
+            own[place][i] = own[place][i] + (more / theta).astype(np.float32)
+    at = zip(own, taken, strict=True)
+    return np.array([_evidence(result, n, rows, result.around, r, result.prior, model) for rows, r in at])
+
+
+def _shown_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
+    """What is seen of the same motion with the cause at the other places instead of the first, (P - 1, N, 3), frame by
+    frame."""
+    scene, theta, now = result.scene, result.theta, result.simulated
+    there = [shown_by(scene, result.cause.change(scene, theta, place)) for place in places[1:]]
+    yield from (np.stack([y[t] - now[t] for y in there]) for t in result.kept.frames)
+
+
+def _pushed_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
+    """How the motion moves with it."""
     scene, cause, theta = result.scene, result.cause, result.theta
     here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
     ways = [
         Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
         for place in places[1:]
     ]
-    frames, kept, n = result.kept.frames, result.kept.columns, len(result.coefficients)
-    residual, single = scene.target.residual(result.simulated), len(theta) == 1 and theta.all()
+    frames, late = result.kept.frames, cause.carried(scene, theta, result.place)
     motion = _pushed(scene, ways, frames, cause.remembered(scene, theta, result.place))
-    late = cause.carried(scene, theta, result.place)
-    if late is not None:
-        motion = carried(motion, np.zeros((0, scene.cloud.count, 2)), late, frames)
-    taken, own = np.repeat(residual[None], len(places), axis=0), [[X[n:] for X in kept] for _ in places]
-    for i, (t, S) in enumerate(zip(frames, motion, strict=True)):
-        seen = scene.target.seen[t]
-        moved = S[:, seen]
-        taken[1:, t, seen] -= moved
-        for place, more in enumerate(moved.reshape(len(ways), -1) if single else (), start=1):
-            own[place][i] = own[place][i] + (more / theta).astype(np.float32)
-    at = zip(own, taken, strict=True)
-    return np.array([_evidence(result, n, rows, result.around, r, result.prior, model) for rows, r in at])
+    return motion if late is None else carried(motion, np.zeros((0, scene.cloud.count, 2)), late, frames)
 
 
 def _pushed(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -33,6 +32,7 @@ class Ring:
     power: int  # of frequency, by which the others' go
     share: float = 1.0  # of the mass, with which that is so
     stiffer: float = 0.0
+    smooth: bool = True  # how the motion that it follows goes on between frames: else linearly
     swings: Swings | None = field(default=None, compare=False)  # what the full simulation adds, once it was asked
 
     @property
@@ -72,9 +72,10 @@ class Inertia(Cause):
         return here + _in_step(scene, here)
 
     def near(self, scene: Scene, place: Ring) -> Sequence[Ring]:
-        """Damping ratios in between; what does not ring is damping."""
+        """Damping ratios in between; what does not ring is damping. Then the other way between frames."""
         ratios = (place.ratio * factor for factor in (0.5, 0.7, 1.4, 2.0))
-        return [replace(place, ratio=ratio) for ratio in ratios if ratio < _RINGS]
+        between = [replace(place, ratio=ratio) for ratio in ratios if ratio < _RINGS]
+        return [*between, replace(place, smooth=not place.smooth)]
 
     def begin(self, place: Ring) -> tuple[Ring, float]:
         """The object is made stiffer, and rings at its own stiffness."""
@@ -85,7 +86,7 @@ class Inertia(Cause):
         return bool(abs(theta[0] - 1) < _WEIGHED if scene.observation.force_scale_known else theta[0] > 0)
 
     def change(self, scene: Scene, theta: np.ndarray, place: Ring) -> Change:
-        """Linear about the rest shape, exact in time for loads that are linear between frames."""
+        """Linear about the rest shape, exact in time for loads that go on between frames as the place has it."""
         if place.stiffer == 0:
             beyond = 0.0 if place.swings is None else theta[0] / place.swings.share * place.swings.beyond
             return _behind(scene, scene.vibrations, _lag(theta[0], place), beyond)
@@ -101,7 +102,7 @@ class Inertia(Cause):
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Ring) -> tuple[Ring, np.ndarray] | None:
         """What the full simulation adds to the linear vibrations, and the share that is then as slow."""
-        swings = Swings.of(scene, float(theta[0]), _ratios(scene.vibrations, place))
+        swings = Swings.of(scene, float(theta[0]), _ratios(scene.vibrations, place), smooth=place.smooth)
         return None if swings is None else (replace(place, swings=swings), theta * place.slower / swings.slower)
 
     def elsewhere(self, scene: Scene, place: Ring) -> Ring:
@@ -112,6 +113,14 @@ class Inertia(Cause):
         """The slowest vibration and its damping ratio, and how the others are damped."""
         slowest = scene.vibrations.omega[0] * np.exp(place.stiffer / 2) / (2 * np.pi)
         return f"with a slowest vibration of {slowest:.3g} Hz, damping ratio {place.ratio:.2g}, {_LAWS[place.power]}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flow:
+    """How an object is dragged: as the motion that it follows goes on between frames, smoothly or linearly."""
+
+    smooth: bool = True
+    creep: Creep | None = field(default=None, compare=False)  # what the full simulation adds, once it was asked
 
 
 class Damping(Cause):
@@ -128,28 +137,37 @@ class Damping(Cause):
         flow = np.linalg.norm(np.einsum("n,tna->tna", scene.cloud.volume, velocity), axis=2).sum(axis=1)
         return np.array([0.2 * scene.largest_force / max(float(flow.max()), 1e-300)])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Creep | None) -> Change:
-        """Linear about the rest shape, exact in time for loads that are linear between frames."""
-        beyond = 0.0 if place is None else theta[0] / place.drag * place.beyond
-        return _behind(scene, scene.relaxations, _delay(theta[0]), beyond)
+    def places(self, scene: Scene) -> Sequence[Flow]:
+        """One, smooth between frames."""
+        return (Flow(),)
 
-    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
+    def near(self, scene: Scene, place: Flow) -> Sequence[Flow]:
+        """The other way between frames."""
+        return (Flow(smooth=not place.smooth),)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Flow) -> Change:
+        """Linear about the rest shape, exact in time for loads that go on between frames as the place has it."""
+        beyond = 0.0 if place.creep is None else theta[0] / place.creep.drag * place.creep.beyond
+        return _behind(scene, scene.relaxations, _delay(theta[0], place), beyond)
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Flow) -> Carried:
         """The delay of the change, and what another stiffness does to the delay."""
-        return _further(scene, scene.relaxations, _delay(theta[0]))
+        return _further(scene, scene.relaxations, _delay(theta[0], place))
 
-    def closer(self, scene: Scene, theta: np.ndarray, place: Creep | None) -> tuple[Creep, np.ndarray] | None:
+    def closer(self, scene: Scene, theta: np.ndarray, place: Flow) -> tuple[Flow, np.ndarray] | None:
         """What the full simulation adds to the linear response."""
-        creep = Creep.of(scene, float(theta[0]))
-        return None if creep is None else (creep, theta)
+        creep = Creep.of(scene, float(theta[0]), smooth=place.smooth)
+        return None if creep is None else (replace(place, creep=creep), theta)
 
-    def elsewhere(self, scene: Scene, place: Creep | None) -> None:
+    def elsewhere(self, scene: Scene, place: Flow) -> Flow:
         """As small motions go."""
-        return None
+        return replace(place, creep=None)
 
 
 def _lag(share: float, place: Ring) -> Response:
     def response(modes: Vibrations, u: np.ndarray, time: np.ndarray) -> np.ndarray:
-        return modes.lag(u, time, inertia=share * place.slower, damping=_ratios(modes, place))
+        ratios = _ratios(modes, place)
+        return modes.lag(u, time, inertia=share * place.slower, damping=ratios, smooth=place.smooth)
 
     return response
 
@@ -166,7 +184,7 @@ def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
     omega, p = np.exp(tuned / 2)[:, None] * modes.omega, modes.coordinates(scene.y - scene.cloud.x)
     found = []
     for ring in rings:
-        x = follow(omega, _ratios(modes, ring), p[:, None], scene.time)
+        x = follow(omega, _ratios(modes, ring), p[:, None], scene.time, smooth=ring.smooth)
         slope, curve = seen.parabola(x - p[:, None])
         kappa = np.exp(-tuned) if known else np.clip(slope / curve, np.exp(-_FAR), np.exp(_FAR))
         best = int(np.argmin(curve * kappa**2 - 2 * slope * kappa))
@@ -205,8 +223,8 @@ class _Seen:
         return self.slow_whole + np.einsum("tck,tk->c", q, self.whole), curve
 
 
-def _delay(drag: float) -> Response:
-    return lambda modes, u, time: modes.delay(u, time, drag=drag)
+def _delay(drag: float, place: Flow) -> Response:
+    return lambda modes, u, time: modes.delay(u, time, drag=drag, smooth=place.smooth)
 
 
 def _behind(scene: Scene, modes: Vibrations, response: Response, beyond: np.ndarray | float = 0.0) -> Change:

@@ -1,13 +1,15 @@
 """What a large motion does that a small one about the rest shape does not: it swings slower, or takes other shapes."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.dynamics import Damping, simulate
 from sim.newton import NewtonOptions
-from sim.vibration import follow
+from sim.terms.base import Term
+from sim.terms.loads import AppliedForce
+from sim.vibration import FINER, finer, follow
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 0.3  # [rad] of the slowest vibration that a step covers: its frequency comes out 0.4 % low
@@ -28,23 +30,22 @@ class Swings:
     share: float
 
     @classmethod
-    def of(cls, scene: Scene, share: float, ratios: np.ndarray) -> "Swings | None":
+    def of(cls, scene: Scene, share: float, ratios: np.ndarray, *, smooth: bool) -> "Swings | None":
         """Of the scene's object, starting at rest, with a share of its mass and vibrations of damping ratios (K,); None
-        where a solve fails."""
+        where a solve fails. smooth: how its loads go between frames."""
         modes, u = scene.vibrations, scene.y - scene.cloud.x
         omega = modes.omega / math.sqrt(share)
-        full = simulate(
-            scene.energy, time=scene.time, mass=share * modes.mass, start=scene.y[0],
-            substeps=math.ceil(omega[0] * float(np.diff(scene.time).max()) / _STEP), damping=_rayleigh(omega, ratios),
-            options=_ROUGH,
+        y = _simulated(
+            scene, smooth, mass=share * modes.mass, damping=_rayleigh(omega, ratios),
+            substeps=math.ceil(omega[0] * float(np.diff(scene.time).max()) / _STEP),
         )  # fmt: skip
-        if not full.converged:
+        if y is None:
             return None
-        p, reached = modes.coordinates(u), modes.coordinates(full.y - scene.cloud.x)
-        linear = follow(omega / np.sqrt(_SLOWER)[:, None], ratios, p[:, None], scene.time)
+        p, reached = modes.coordinates(u), modes.coordinates(y - scene.cloud.x)
+        linear = follow(omega / np.sqrt(_SLOWER)[:, None], ratios, p[:, None], scene.time, smooth=smooth)
         slower = float(_SLOWER[np.argmin(((linear - reached[:, None]) ** 2).sum(axis=(0, 2)))])
-        lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios)
-        return cls(slower=slower, beyond=full.y - scene.y - modes.motion(lag), share=share)
+        lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios, smooth=smooth)
+        return cls(slower=slower, beyond=y - scene.y - modes.motion(lag), share=share)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,17 +57,34 @@ class Creep:
     drag: float
 
     @classmethod
-    def of(cls, scene: Scene, drag: float) -> "Creep | None":
-        """Of the scene's object, starting at rest; None where a solve fails."""
+    def of(cls, scene: Scene, drag: float, *, smooth: bool) -> "Creep | None":
+        """Of the scene's object, starting at rest, with loads smooth or linear between frames; None where a solve
+        fails."""
         modes, soon = scene.relaxations, _AT_ONCE * float(np.diff(scene.time).min())
-        full = simulate(
-            scene.energy, time=scene.time, mass=drag * soon * modes.mass, start=scene.y[0], substeps=_CREEPS,
-            damping=Damping(mass=1 / soon), options=_ROUGH,
-        )  # fmt: skip
-        if not full.converged:
+        y = _simulated(scene, smooth, mass=drag * soon * modes.mass, damping=Damping(mass=1 / soon), substeps=_CREEPS)
+        if y is None:
             return None
-        late = modes.motion(modes.delay(scene.y - scene.cloud.x, scene.time, drag=drag))
-        return cls(beyond=full.y - scene.y - late, drag=drag)
+        late = modes.motion(modes.delay(scene.y - scene.cloud.x, scene.time, drag=drag, smooth=smooth))
+        return cls(beyond=y - scene.y - late, drag=drag)
+
+
+def _simulated(scene: Scene, smooth: bool, *, mass: np.ndarray, damping: Damping, substeps: int) -> np.ndarray | None:
+    """The full motion (T, N, 3) [m] at the frames, whose loads go on linearly or smoothly between them; None where a
+    solve fails."""
+    energy, time = scene.energy, scene.time
+    if smooth:
+        substeps, later = math.ceil(substeps / FINER), -(-np.arange(FINER * (len(time) - 1) + 1) // FINER)
+        pairs = zip(energy.terms, energy.frames(later).terms, strict=True)
+        energy = replace(energy.frames(later), terms=tuple(_read(old, new, time) for old, new in pairs))
+        time = finer(time, time)[1]
+    found = simulate(energy, time=time, mass=mass, start=scene.y[0], substeps=substeps, damping=damping, options=_ROUGH)
+    return found.y[:: FINER if smooth else 1] if found.converged else None
+
+
+def _read(term: Term, later: Term, time: np.ndarray) -> Term:
+    """A load smoothly between frames; any other term is that of the later one."""
+    loads = isinstance(term, AppliedForce) and len(term.force) == len(time)
+    return replace(term, force=finer(term.force, time)[0]) if loads else later
 
 
 def _rayleigh(omega: np.ndarray, ratios: np.ndarray) -> Damping:
