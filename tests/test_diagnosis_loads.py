@@ -35,3 +35,24 @@ def test_what_makes_gravity_stronger_or_weaker_is_no_tilt(change):
     assert GravityDirection().plausible(scene(), np.array(change), 5 * spread)  # nobody knows
     assert GravityDirection().plausible(scene(0 * GRAVITY), np.array(change), spread)  # nor what gravity was
     assert GravityDirection().plausible(scene(scale_known=False), np.array(change), spread)  # or only up to scale
+
+
+def test_few_forces_are_by_chance_as_near_to_a_tilt_as_their_coincidence_says():
+    """A tilt, a little off: the share of forces as large, in any direction, that are no farther off."""
+    change = Rotation.from_rotvec([0.5, 0.2, 0.0]).apply(GRAVITY) - GRAVITY + [0.0, 0.0, 0.15]
+    size = np.linalg.norm(change)
+    ways = np.random.default_rng(0).normal(size=(100_000, 3))
+    forces = size * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    off = np.abs(np.linalg.norm(GRAVITY + forces, axis=1) - 9.81)
+    share = np.mean(off <= abs(np.linalg.norm(GRAVITY + change) - 9.81))
+    assert GravityDirection().coincidence(scene(), change) == pytest.approx(share, rel=0.05)
+
+
+def test_nothing_tells_a_tilt_from_a_level_force_or_where_gravity_is_not_known():
+    slight = Rotation.from_rotvec([0.1, 0.0, 0.0]).apply(GRAVITY) - GRAVITY
+    large = Rotation.from_rotvec([0.6, 0.0, 0.0]).apply(GRAVITY) - GRAVITY
+    assert GravityDirection().coincidence(scene(), large) < 1e-6
+    assert GravityDirection().coincidence(scene(), slight) == 1.0
+    assert GravityDirection().coincidence(scene(0 * GRAVITY), large) == 1.0
+    assert GravityDirection().coincidence(scene(scale_known=False), large) == 1.0
+    assert GravityDirection().coincidence(scene(), np.zeros(3)) == 1.0

@@ -24,6 +24,7 @@ def found(name: str, gained: float, explained: float, z: float = 3.0, predicted:
     return Candidate(
         refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
         settled=given.get("settled", True), plausible=given.get("plausible", True),
+        coincidence=given.get("coincidence", 1.0),
     )  # fmt: skip
 
 
@@ -50,6 +51,9 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 40, 0.7, settled=False), found("b", 90, 0.95)], "named", ["b"]),  # and would not matter if it did
         ([found("a", 100, 0.95, short=9), found("b", 60, 0.7)], "named", ["a"]),  # a needs not what it only promises
         ([found("a", 100, 0.95, short=9), found("b", 80, 0.94)], "ambiguous", ["a", "b"]),  # it does
+        ([found("a", 100, 0.95), found("b", 96, 0.94, coincidence=0.01)], "named", ["b"]),  # b obeys a law of its own
+        ([found("a", 100, 0.95), found("b", 40, 0.7, coincidence=0.01)], "named", ["a"]),  # that does not make b likely
+        ([found("a", 100, 0.95, coincidence=0.02), found("b", 96, 0.94, coincidence=0.01)], "ambiguous", ["a", "b"]),
         ([], "unexplained", []),
     ],
 )

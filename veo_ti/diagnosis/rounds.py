@@ -123,4 +123,5 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
+        coincidence=result.cause.coincidence(result.scene, result.theta),
     )  # fmt: skip

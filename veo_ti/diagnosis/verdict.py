@@ -16,6 +16,7 @@ SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simul
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
 MORE = 5.0  # times as much
+CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
 CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left
@@ -34,6 +35,7 @@ class Candidate:
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
     settled: bool  # the refit came to an end, or near enough to it to be compared
+    coincidence: float = 1.0  # how often another cause would obey the law of its parameters as nearly
 
     @property
     def promised(self) -> float:
@@ -107,9 +109,10 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     near = rivals(best, able)
     if near and best.explained < TOGETHER:
         return unexplained(accepted[:1])
-    if near:
+    told = [c for c in (best, *near) if c.coincidence < CHANCE and c.settled and c.explained > TOGETHER]
+    if near and len(told) != 1:
         return either((best, *near))
-    return named(best)
+    return named(told[0] if near else best)
 
 
 def either(causes: Sequence[Candidate]) -> Verdict:

@@ -127,6 +127,11 @@ class Cause:
         """Whether physics allows these parameters (d,), known to `spread` (d,)."""
         return bool((theta[self.positive] > 0).all())
 
+    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
+        """How often another cause that looks like this one would obey the law of its parameters as nearly by chance; 1
+        without such a law."""
+        return 1.0
+
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The parameters (d,) after a step, `most - (most - theta) exp(-change / (most - theta))`, which is never met.
 

@@ -84,6 +84,10 @@ class Beside(Cause):
         """Both are."""
         return all(cause.plausible(scene, theta[own], spread[own]) for cause, own in self.parts)
 
+    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
+        """Of the second one."""
+        return self.other.coincidence(scene, theta[self.parts[1][1]])
+
     def widths(self, scene: Scene) -> np.ndarray:
         """Both ones'."""
         return np.concatenate([cause.widths(scene) for cause, _ in self.parts])

@@ -14,6 +14,7 @@ from veo_ti.diagnosis.scene import Scene
 
 NEAR = 12  # spots of a closer look
 _SPREAD = 2.0  # spacings, where nothing else is known
+_LEVEL = 0.1  # sine of the slope, up to which a force may be meant to be level
 _TILT = 5.0  # standard deviations, by which a tilt may change the strength of gravity
 
 
@@ -193,12 +194,32 @@ class GravityDirection(Cause):
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""
-        g = scene.observation.gravity
-        if not g.any() or not scene.observation.force_scale_known:
+        if not _known(scene):
             return True
-        tilted = g + theta
-        size = max(float(np.linalg.norm(tilted)), 1e-300)
-        return bool(abs(size - np.linalg.norm(g)) < _TILT * np.linalg.norm(spread * tilted / size))
+        tilted = scene.observation.gravity + theta
+        across = tilted / max(float(np.linalg.norm(tilted)), 1e-300)
+        return abs(_stronger(scene, theta)) < _TILT * float(np.linalg.norm(spread * across))
+
+    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
+        """Of forces in any direction, the share that leaves gravity as strong as nearly; 1 where a level force would.
+
+        Their parts along a line are evenly spread, so it is `| |g + a| - |g| | / |a|`. A tilt by little is a level
+        force.
+        """
+        g, size = scene.observation.gravity, float(np.linalg.norm(theta))
+        if not (_known(scene) and size > 0):
+            return 1.0
+        slope = abs(float(theta @ g)) / (size * float(np.linalg.norm(g)))
+        return min(abs(_stronger(scene, theta)) / size, 1.0) if slope > _LEVEL else 1.0
+
+
+def _known(scene: Scene) -> bool:
+    return bool(scene.observation.gravity.any() and scene.observation.force_scale_known)
+
+
+def _stronger(scene: Scene, theta: np.ndarray) -> float:
+    g = scene.observation.gravity
+    return float(np.linalg.norm(g + theta) - np.linalg.norm(g))
 
 
 def at_spot(scene: Scene, point: int) -> str:
