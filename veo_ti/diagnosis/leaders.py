@@ -86,7 +86,7 @@ class _Tried:
     @classmethod
     def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "_Tried":
         """Once it is refitted."""
-        scene = result.taken_in().scene
+        scene = result.left
         left = counted(scene, measure_noise(scene, modes), modes)
         return cls(result=result, model=model, left=left, fine=fine or result.converged)
 

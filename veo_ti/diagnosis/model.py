@@ -128,6 +128,12 @@ class Refit:
         )  # fmt: skip
 
     @property
+    def left(self) -> Scene:
+        """The scene whose residual is all that the prediction leaves, the discretisation's part taken in as well."""
+        target = replace(self.scene.target, y=self.scene.target.y - (self.shown - self.scene.y))
+        return replace(self.scene, target=target)
+
+    @property
     def simulated(self) -> np.ndarray:
         """Simulated positions as tracking would show them, (T, N, 3) [m]."""
         return shown_by(self.scene, change_of(self.scene, self.cause, self.theta, self.place))

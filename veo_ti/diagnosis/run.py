@@ -83,7 +83,7 @@ def diagnose(
 
     def narrower(found: Candidate) -> tuple[Model, float]:
         """The model and the floor once a cause is part of it: what it explains was no noise."""
-        left = found.refit.taken_in().scene
+        left = found.refit.left
         less = replace(noise, correlation=min(noise.correlation, measure_noise(left, modes).correlation))
         prior = found.refit.prior[: len(found.refit.coefficients)]
         return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
