@@ -1,11 +1,16 @@
 """The discretisation's own columns: how the motion changes with other neighbours."""
 
+from dataclasses import replace
+
 import numpy as np
-from test_diagnosis_experiment import scene  # noqa: F401
+from test_diagnosis_experiment import model, scene  # noqa: F401
 
 from sim.checks import require
 from sim.cloud import RestCloud
 from veo_ti.diagnosis.columns import discretisation
+from veo_ti.diagnosis.leaders import _Tried, counted
+from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.refit import refit
 
 
 def test_discretisation_columns_are_small_beside_the_motion(scene):  # noqa: F811
@@ -24,3 +29,15 @@ def test_a_choice_of_neighbours_that_leaves_a_point_flat_is_left_out(scene, monk
 
     monkeypatch.setattr(RestCloud, "build", thin)
     assert np.array_equal([k.motion for k in discretisation(scene)], [every[0].motion, every[2].motion])
+
+
+def test_what_the_discretisation_explains_does_not_count_as_left(scene, model):  # noqa: F811
+    """A measurement by a simulation whose neighbours are others: its difference from ours is no misfit."""
+    known = discretisation(scene)
+    off = replace(scene, target=replace(scene.target, y=scene.y + known[0].motion))
+    model = replace(model, prior=np.append(1e-6 * model.prior, np.ones(len(known))), extra=known)  # a known material
+    found = refit(off, model, np.zeros(len(model.prior)))
+    assert np.linalg.norm(found.scene.residual) > np.linalg.norm(off.residual)  # the material is bent, too
+    assert np.linalg.norm(found.left.residual) < 0.5 * np.linalg.norm(off.residual)
+    modes = model.basis.field.modes[:, :2]
+    assert _Tried.of(found, model, modes, fine=True).left < 0.1 * counted(off, measure_noise(off, modes), modes)
