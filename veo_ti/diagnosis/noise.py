@@ -8,6 +8,8 @@ from scipy.spatial import cKDTree
 from veo_ti.diagnosis.scene import Scene
 
 _STENCIL = 14
+_FLAT = 1e-3  # singular values below it: neighbours in a plane or on a line
+_FEW = 5  # neighbours that it takes to say what they share
 _UNLOADED = 0.02  # of the largest load
 _RESTS = 3  # unloaded spells that it takes to compare them
 _LASTING = 0.6  # of the energy, that does not change over the frames: beyond it something stays, which noise does not
@@ -38,12 +40,10 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     A residual minus the affine fit to its neighbours' leaves noise, since what physics gets wrong is smooth at that
     scale; the median of its size is not moved by outliers. modes (N, S): smooth in space.
     """
-    local, gain = _local(scene)
-    seen = scene.target.seen & np.isfinite(gain)
-    e = np.where(seen[..., None], local / gain[None, :, None], np.nan)
-    estimate = float(np.nanmedian(np.abs(e))) / 0.67449
+    around = _Neighbourhoods.of(scene)
+    stray, e = around.stray(scene.residual, scene.target.seen, scene.target.sigma or 0.0)
+    estimate = _size(e)
     sigma = scene.target.sigma or estimate
-    stray = seen & (np.nan_to_num(np.abs(e)).max(axis=2) > _STRAY * max(sigma, estimate))
     share = float(stray.sum() / max(scene.target.seen.sum(), 1))
     correlation = _correlation(scene, modes, sigma, stray)
     return Noise(sigma=sigma, local=estimate, stray=stray, correlation=correlation, outlier_share=share)
@@ -66,19 +66,59 @@ def evenness(scene: Scene, modes: np.ndarray) -> float:
     return float(np.quantile(energy, 0.1) / max(energy.mean(), 1e-300))
 
 
-def _local(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Residual minus an affine fit to its neighbours (T, N, 3) [m], and what that does to white noise, (N,)."""
-    used = np.flatnonzero(scene.target.seen.any(axis=0))
-    x = scene.cloud.x[used]
-    near = cKDTree(x).query(x, min(_STENCIL, len(used)))[1][:, 1:]
-    arms = x[near] - x[:, None]
-    design = np.concatenate([np.ones((*arms.shape[:2], 1)), arms / scene.cloud.spacing], axis=2)
-    weights = np.linalg.pinv(design, rcond=1e-3)[:, 0]  # (U, k): predicts the value at the point itself
-    local = np.zeros_like(scene.residual)
-    local[:, used] = scene.residual[:, used] - np.einsum("uk,tukc->tuc", weights, scene.residual[:, used[near]])
-    gain = np.full(scene.cloud.count, np.nan)
-    gain[used] = np.sqrt(1 + (weights**2).sum(axis=1))
-    return local, gain
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Neighbourhoods:
+    """The points near every point that is ever seen, by which an affine fit predicts what is smooth."""
+
+    used: np.ndarray  # (U,)
+    near: np.ndarray  # (U, k) of all points
+    design: np.ndarray  # (U, k, 4)
+
+    @classmethod
+    def of(cls, scene: Scene) -> "_Neighbourhoods":
+        used = np.flatnonzero(scene.target.seen.any(axis=0))
+        x = scene.cloud.x[used]
+        near = cKDTree(x).query(x, min(_STENCIL, len(used)))[1][:, 1:]
+        arms = (x[near] - x[:, None]) / scene.cloud.spacing
+        return cls(used=used, near=used[near], design=np.concatenate([np.ones((*arms.shape[:2], 1)), arms], axis=2))
+
+    def beyond(self, r: np.ndarray, good: np.ndarray) -> np.ndarray:
+        """What of r (T, N, 3) [m] the good (T, N) neighbours do not share, as large as white noise is in r; NaN where a
+        point is not good itself or too few around it are."""
+        e, share = np.full_like(r, np.nan), good[:, self.near]  # (T, U, k)
+        whole = share.all(axis=2)
+        weights = np.linalg.pinv(self.design, rcond=_FLAT)[:, 0]  # (U, k): predicts the value at the point itself
+        smooth = np.einsum("uk,tukc->tuc", weights, r[:, self.near])
+        gain = np.sqrt(1 + (weights**2).sum(axis=1))
+        e[:, self.used] = np.where(whole[..., None], (r[:, self.used] - smooth) / gain[:, None], np.nan)
+        t, u = np.nonzero(~whole & (share.sum(axis=2) >= _FEW))
+        D = self.design[u] * share[t, u][..., None]
+        inverse = np.linalg.pinv(np.swapaxes(D, 1, 2) @ D, rcond=_FLAT**2, hermitian=True)
+        weights = np.einsum("pa,pka->pk", inverse[:, 0], D)
+        smooth = np.einsum("pk,pkc->pc", weights, r[t[:, None], self.near[u]])
+        e[t, self.used[u]] = (r[t, self.used[u]] - smooth) / np.sqrt(1 + (weights**2).sum(axis=1))[:, None]
+        return np.where(good[..., None], e, np.nan)
+
+    def stray(self, r: np.ndarray, seen: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+        """The points (T, N) far from what their neighbours say, and what all others do not share with theirs.
+
+        Of every neighbourhood the one farthest off is stray; the others are judged again without it.
+        """
+        stray = np.zeros_like(seen)
+        while True:
+            e = self.beyond(r, seen & ~stray)
+            off = np.nan_to_num(np.abs(e)).max(axis=2)
+            over = off > _STRAY * max(sigma, _size(e))
+            if not over.any():
+                return stray, e
+            highest = np.zeros_like(off)
+            highest[:, self.used] = off[:, self.near].max(axis=2)
+            stray |= over & (off >= highest)
+
+
+def _size(e: np.ndarray) -> float:
+    """Standard deviation of normal numbers, which outliers do not move."""
+    return float(np.nanmedian(np.abs(e))) / 0.67449
 
 
 def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarray) -> float:
