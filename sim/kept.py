@@ -36,6 +36,16 @@ class KeptSolver:
         self.calls = 0
         return self
 
+    def following(
+        self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
+    ) -> "KeptSolver":
+        """Likewise."""
+        return self.preconditioner(tangent)
+
+    def frames(self, index: np.ndarray) -> "KeptSolver":
+        """Itself: there is one frame."""
+        return self
+
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (1, N, 3)."""
         self.calls += 1

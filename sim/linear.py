@@ -156,6 +156,18 @@ class DirectFactors:
             )
             return cls(factors=tuple(factors))
 
+    @property
+    def positive(self) -> np.ndarray:
+        """The frames (T,) whose tangent was positive definite."""
+        return np.array([isinstance(f, Cholesky) for f in self.factors], bool)
+
+    def renewed(self, frames: np.ndarray, fresh: "DirectFactors") -> "DirectFactors":
+        """Those of some frames replaced."""
+        factors = list(self.factors)
+        for t, factor in zip(frames, fresh.factors, strict=True):
+            factors[t] = factor
+        return DirectFactors(factors=tuple(factors))
+
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """H^-1 r, (T, N, 3)."""
         with serial_blas():

@@ -12,7 +12,8 @@ from sim.energy import Energy, Tangent
 from sim.linear import ROOM, DirectFactors, Layout, Preconditioner, conjugate_gradients
 from sim.twolevel import Aggregates, TwoLevel
 
-_NEAR = 0.3  # of the load: residual below which the preconditioner of the last step serves again
+_NEAR = 0.3  # of the load: residual below which a two-level preconditioner follows the state
+_CLOSE = 0.03  # below which a frame's last factors serve again; farther out they may hide that it has since buckled
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
 
 
@@ -111,6 +112,20 @@ class LinearSolver:
         few = tangent.y[..., 0].size <= self.direct
         return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
 
+    def following(
+        self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
+    ) -> Preconditioner:
+        """Of the next step, at residuals (T,): the last one, as far as its frames are near their solution."""
+        if isinstance(last, TwoLevel) and residual.max() < _NEAR:
+            return last.moved(tangent)
+        if not isinstance(last, DirectFactors) or self.kept is not None:
+            return self.preconditioner(tangent)
+        stale = np.flatnonzero((residual >= _CLOSE) | ~last.positive)
+        if len(stale) == 0:
+            return last
+        some = tangent if len(stale) == len(residual) else energy.frames(stale).tangent(tangent.y[stale])
+        return last.renewed(stale, DirectFactors.of(some, self.layout))
+
     def near(self, tangent: Tangent) -> "LinearSolver":
         """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""
         return replace(self, kept=self.preconditioner(tangent))
@@ -148,9 +163,8 @@ def equilibrate(
             break
         part = energy.frames(active)
         tangent = part.tangent(state.y[active])
-        serves = isinstance(precondition, TwoLevel) and state.residual[active].max() < _NEAR
-        again = precondition.frames(np.searchsorted(earlier, active)).moved(tangent) if serves else None
-        precondition, earlier = again or solver.preconditioner(tangent), active
+        last = None if precondition is None else precondition.frames(np.searchsorted(earlier, active))
+        precondition, earlier = solver.following(last, part, tangent, state.residual[active]), active
         direction = _direction(part, state.frames(active), tangent, solver, precondition)
         stuck = _search(part, state, active, direction)
         steps[active] += 1

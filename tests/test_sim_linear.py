@@ -129,6 +129,16 @@ def test_solver_is_chosen_by_size_and_by_how_many_frames_there_are(tangent, monk
     assert isinstance(LinearSolver.of(energy, "direct").preconditioner(tangent), DirectFactors)
 
 
+def test_factors_serve_again_only_where_a_frame_is_near_its_solution(tangent):
+    solver = LinearSolver.of(tangent.energy, "direct")
+    elsewhere = tangent.energy.tangent(1.02 * tangent.y)
+    last = solver.preconditioner(elsewhere)
+    following = solver.following(last, tangent.energy, tangent, np.array([1e-3, 0.5]))
+    assert following.factors[0] is last.factors[0]
+    right = right_side(tangent)
+    assert following(right)[1] == pytest.approx(solver.preconditioner(tangent)(right)[1], rel=1e-9, abs=1e-15)
+
+
 def test_fixed_points_do_not_move(tangent):
     solve = conjugate_gradients(
         tangent.product, right_side(tangent), LinearSolver.of(tangent.energy, "two-level").preconditioner(tangent)
