@@ -119,6 +119,12 @@ def test_small_swings_are_linear():
     assert np.linalg.norm(closer.swings.beyond) < 0.1 * np.linalg.norm(scene.full - scene.y)
 
 
+@pytest.mark.parametrize("share", [0.0, 1e-9])
+def test_a_mass_too_small_to_be_seen_is_not_followed(share):
+    scene = swinging(1e-3)
+    assert Inertia().closer(scene, np.array([share]), Ring(ratio=0.1, power=0, smooth=False)) is None
+
+
 def creeping(push: float) -> SimpleNamespace:
     """It in honey: backward Euler in many steps, drag as springs to where the points were."""
     scene, drag = pushed(push, 11), 2.0
@@ -144,6 +150,7 @@ def test_a_large_motion_creeps_as_a_drag_on_every_point_lets_it():
     assert off(scene, theta, closer, Damping()) < 0.05
     nothing = Damping().change(scene, np.zeros(1), closer)
     assert nothing.observe(scene.y, np.arange(len(scene.y))) == pytest.approx(scene.y, abs=1e-15)
+    assert Damping().closer(scene, np.zeros(1), linear) is None
 
 
 def test_what_the_full_simulation_added_belongs_to_the_measurement_it_was_made_for():

@@ -13,6 +13,7 @@ from sim.vibration import FINER, finer, follow
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 0.3  # [rad] of the slowest vibration that a step covers: its frequency comes out 0.4 % low
+_FAST = 30.0  # [rad] between two frames, from which on the slowest vibration is seen by chance only
 _FEW = 4  # of the slowest vibrations, over which Rayleigh's two terms keep a damping about the same
 _SLOWER = np.exp(0.02 * np.arange(-40, 41))  # times the mass, with which small vibrations may be as slow as large ones
 _ROUGH = NewtonOptions(tolerance=1e-5)
@@ -32,12 +33,15 @@ class Swings:
     @classmethod
     def of(cls, scene: Scene, share: float, ratios: np.ndarray, *, smooth: bool) -> "Swings | None":
         """Of the scene's object, starting at rest, with a share of its mass and vibrations of damping ratios (K,); None
-        where a solve fails. smooth: how its loads go between frames."""
+        where that swings too fast to be seen, or a solve fails. smooth: how its loads go between frames."""
         modes, u = scene.vibrations, scene.y - scene.cloud.x
+        apart = modes.omega[0] * float(np.diff(scene.time).max())
+        if share <= (apart / _FAST) ** 2:
+            return None
         omega = modes.omega / math.sqrt(share)
         y = _simulated(
             scene, smooth, mass=share * modes.mass, damping=_rayleigh(omega, ratios),
-            substeps=math.ceil(omega[0] * float(np.diff(scene.time).max()) / _STEP),
+            substeps=math.ceil(apart / math.sqrt(share) / _STEP),
         )  # fmt: skip
         if y is None:
             return None
@@ -58,8 +62,10 @@ class Creep:
 
     @classmethod
     def of(cls, scene: Scene, drag: float, *, smooth: bool) -> "Creep | None":
-        """Of the scene's object, starting at rest, with loads smooth or linear between frames; None where a solve
-        fails."""
+        """Of the scene's object, starting at rest, with loads smooth or linear between frames; None without drag, or
+        where a solve fails."""
+        if drag <= 0:
+            return None
         modes, soon = scene.relaxations, _AT_ONCE * float(np.diff(scene.time).min())
         y = _simulated(scene, smooth, mass=drag * soon * modes.mass, damping=Damping(mass=1 / soon), substeps=_CREEPS)
         if y is None:
