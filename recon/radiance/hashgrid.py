@@ -24,7 +24,7 @@ class HashGrid:
 
     levels: int = 8
     coarsest: int = 16
-    finest: int = 160
+    finest: int = 240
     log2_table: int = 15
 
     def __post_init__(self) -> None:
@@ -129,15 +129,21 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
         return corner, p - ti.cast(corner, real)
 
     @ti.func
-    def entry(layout: ti.template(), level, corner, mask):
-        cells, first = layout[level, 0], layout[level, 1]
-        at = corner[0] + (cells + 1) * (corner[1] + (cells + 1) * corner[2])
-        if layout[level, 2] == 0:
-            mixed = ti.cast(corner[0], ti.u32)
-            for a in ti.static(range(2)):
-                mixed ^= ti.cast(corner[a + 1], ti.u32) * ti.u32(_PRIMES[a])
-            at = ti.cast(mixed & ti.cast(mask, ti.u32), ti.i32)
-        return first + at
+    def entries(layout: ti.template(), level, corner, mask):
+        """The rows (8,) of the table for a cell's corners, the first coordinate's changing fastest."""
+        cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2] != 0
+        at = ti.Matrix.zero(ti.u32, 3, 2)
+        for a, upper in ti.static(ti.ndrange(3, 2)):
+            at[a, upper] = ti.cast(corner[a] + upper, ti.u32)
+        stride = ti.cast(cells + 1, ti.u32)
+        for upper in ti.static(range(2)):
+            at[1, upper] *= stride if dense else ti.u32(_PRIMES[0])
+            at[2, upper] *= stride * stride if dense else ti.u32(_PRIMES[1])
+        rows = ti.Vector.zero(ti.i32, 8)
+        for c in ti.static(range(8)):
+            x, y, z = at[0, c & 1], at[1, (c >> 1) & 1], at[2, (c >> 2) & 1]
+            rows[c] = first + ti.cast(x + y + z if dense else (x ^ y ^ z) & ti.cast(mask, ti.u32), ti.i32)
+        return rows
 
     @ti.func
     def share(inside, a: ti.template(), upper: ti.template()):
@@ -148,12 +154,11 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
         for n in range(places.shape[0]):
             for level in range(layout.shape[0]):
                 corner, inside = cell(places, n, layout[level, 0])
-                total = ti.Vector.zero(real, FEATURES)
+                rows, total = entries(layout, level, corner, mask), ti.Vector.zero(real, FEATURES)
                 for c in ti.static(range(8)):
                     weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
-                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
                     for k in ti.static(range(FEATURES)):
-                        total[k] += weight * table[row, k]
+                        total[k] += weight * table[rows[c], k]
                 for k in ti.static(range(FEATURES)):
                     out[n, FEATURES * level + k] = total[k]
 
@@ -166,11 +171,11 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
             for level in range(layout.shape[0]):
                 cells = layout[level, 0]
                 corner, inside = cell(places, n, cells)
+                rows = entries(layout, level, corner, mask)
                 for c in ti.static(range(8)):
-                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
                     value = ti.cast(0, real)
                     for k in ti.static(range(FEATURES)):
-                        value += table[row, k] * pulled[n, FEATURES * level + k]
+                        value += table[rows[c], k] * pulled[n, FEATURES * level + k]
                     value *= ti.cast(cells, real) * level_weight[level]
                     x, y, z = share(inside, 0, c & 1), share(inside, 1, c & 2), share(inside, 2, c & 4)
                     total[0] += (1 if ti.static(c & 1) else -1) * value * y * z
@@ -187,10 +192,10 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
         for level in range(layout.shape[0]):
             for n in range(places.shape[0]):
                 corner, inside = cell(places, n, layout[level, 0])
+                rows = entries(layout, level, corner, mask)
                 for c in ti.static(range(8)):
                     weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
-                    row = entry(layout, level, corner + ti.Vector([c & 1, (c >> 1) & 1, (c >> 2) & 1]), mask)
-                    for k in ti.static(range(FEATURES)):
-                        out[row, k] += weight * pulled[n, FEATURES * level + k]
+                    for k in ti.static(range(FEATURES)):  # no `+=`, which would be atomic
+                        out[rows[c], k] = out[rows[c], k] + weight * pulled[n, FEATURES * level + k]
 
     return _Kernels(encode=encode, place_gradient=place_gradient, table_gradient=table_gradient)

@@ -50,7 +50,7 @@ class TrainOptions:
     motion_steps: int = 4000
     samples: int = 1 << 14
     field: FieldOptions = field(default_factory=FieldOptions)
-    field_rate: float = 1e-2
+    field_rate: float = 2e-2
     bending_rate: float = 2e-3
     latent_rate: float = 5e-3
     canonical_share: float = 0.1
