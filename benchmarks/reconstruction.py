@@ -57,7 +57,7 @@ class Plan:
 
 
 FULL = Plan(
-    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=2100,
+    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=2000,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),
     long=TrainOptions(canonical_steps=1000, motion_steps=3800),

@@ -16,6 +16,7 @@ from recon.radiance.rendering import Picture, camera_rays, render
 from recon.radiance.storage import load_trained, save_trained
 from recon.radiance.training import TrainOptions, fingerprint, train
 from recon.views import Views
+from veo_ti.reconstruction.rerender import Rerenderer
 
 SIZE, TRAIN = (44, 48), 7
 MIDDLE = np.array([[0, 0, 0], [0.02, 0.006, -0.01]])  # [m], 8 % of the object's diagonal
@@ -116,6 +117,19 @@ def test_the_more_rays_a_pixel_has_the_better_it_shows_how_much_an_edge_covers(c
     assert off[1] > 0.25 and off[2] < 0.25 and off[4] < 0.1
     with pytest.raises(ValueError, match="fineness must be at least 1; got 0"):
         render(solid, occupancy, camera, fineness=0)
+
+
+def test_a_cloud_at_rest_shows_what_the_field_shows(trained, cloud, cameras):
+    """With fewer points than pixels, and the bending of frame 0 interpolated between them."""
+    camera, renderer = cameras[TRAIN], Rerenderer(trained=trained, rest=cloud.points[0], spacing=cloud.spacing)
+    with torch.no_grad():  # a motion of all frames together, which no training took away
+        trained.field.bending.network[-1].bias += torch.tensor([0.05, -0.08, 0.03])
+        whole = render(trained.field, trained.occupancy, camera)
+        shown = renderer.picture(cloud.points[0], camera)
+        trained.field.bending.network[-1].bias -= torch.tensor([0.05, -0.08, 0.03])
+    plain = render(trained.field, trained.occupancy, camera)
+    matte = (whole.opacity > 0.5) & np.isfinite(shown.depth)
+    assert psnr(shown.colour, whole.colour, matte) > psnr(plain.colour, whole.colour, matte) + 10
 
 
 def test_a_moved_cloud_shows_the_object_where_it_was_moved_to(trained, cloud, cameras):

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import torch
 
 from recon.cameras import Camera
 from recon.quality.lpips import Lpips
@@ -24,10 +26,16 @@ class Rerenderer:
     rest: np.ndarray
     spacing: float
 
+    @cached_property
+    def canonical(self) -> np.ndarray:
+        """The cloud in the canonical state, (N, 3) [m]: interpolated like its motion, it spares a network every sample."""
+        with torch.no_grad():
+            return self.trained.field.from_first(torch.from_numpy(self.rest.astype(np.float32))).double().numpy()
+
     def picture(self, moved: np.ndarray, camera: Camera, behind: Picture | None = None) -> Picture:
         """The object with its points at `moved` (N, 3) [m], as a camera sees it; behind: see `render`."""
         cut = CUT * self.spacing
-        field = moved_field(self.trained.field.first, CloudWarp.of(self.rest, moved), cut)
+        field = moved_field(self.trained.field.canonical, CloudWarp.of(self.canonical, moved), cut)
         return render(field, cloud_occupancy(moved, cut=cut), camera, behind=behind)
 
 
