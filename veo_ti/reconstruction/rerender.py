@@ -28,7 +28,8 @@ class Rerenderer:
 
     @cached_property
     def canonical(self) -> np.ndarray:
-        """The cloud in the canonical state, (N, 3) [m]: interpolated like its motion, it spares a network every sample."""
+        """The cloud in the canonical state, (N, 3) [m]: interpolated like its motion, so that no network is asked for
+        every sample."""
         with torch.no_grad():
             return self.trained.field.from_first(torch.from_numpy(self.rest.astype(np.float32))).double().numpy()
 
