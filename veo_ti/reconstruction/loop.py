@@ -109,9 +109,10 @@ def _left_out(frames: Sequence[int]) -> str:
 def _told(tables: Mapping[str, QualityRow], metrics: Mapping[str, object]) -> str:
     gap = tables["reconstructed"].masked.psnr - tables["simulated"].masked.psnr
     held = metrics["error_mm"]["held_out"] or metrics["error_mm"]["training"]
+    side = "worse" if gap >= 0 else "better"
     return (
         f"Simulated under held-out forces, the object is {held['mean']:.2f} mm from where it was reconstructed, and "
-        f"its pictures are {gap:.2f} dB worse than those of the reconstruction itself."
+        f"its pictures are {abs(gap):.2f} dB {side} than those of the reconstruction itself."
     )
 
 
