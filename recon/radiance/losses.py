@@ -1,25 +1,60 @@
 """What a trained field must get right: the filmed colours, an opaque inside, and a warp that undoes the bending."""
 
+from dataclasses import dataclass, fields
+
 import torch
 
 from recon.radiance.batches import Batch
 from recon.radiance.compositing import Composite
 from recon.radiance.fields import Dynamic
 from recon.radiance.marching import Samples
+from sim.checks import require
 
 _LUMINANCE = (0.299, 0.587, 0.114)
 _BEND = 0.1  # of a colour, up to which an error counts squared
 _HIDDEN = 0.1  # transmittance below which a sample lies behind the surface
-_SOLID = 0.95  # matte above which a ray is one of the object's
+_CLEAR = 0.9  # transmittance above which a sample lies before it
+_SOLID, _EMPTY = 0.95, 0.05  # matte above which a ray is one of the object's, below which one of the background
 _VISIBLE = 0.05  # opacity of samples that teach the forward warp
 _MOST_WARPED = 4096  # of them
+
+
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """Of the paper's L_background, L_foreground and L_density, beside the colours' one.
+
+    The colours, compared over a random colour, ask for the first two already; here they can be asked for more strongly,
+    as the paper does sequence by sequence. Raises ValueError when one is negative.
+    """
+
+    background: float = 0.0
+    foreground: float = 0.0
+    density: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            require(getattr(self, name) >= 0, f"weight of the {name} loss", "be zero or more", getattr(self, name))
+
+
+def shape_loss(
+    seen: Composite, samples: Samples, thickness: torch.Tensor, batch: Batch, weights: LossWeights
+) -> torch.Tensor:
+    """What the mattes say of where the object is: the weighted sum of the three losses below; thickness (S,)."""
+    total = thickness.new_zeros(())
+    if weights.background:
+        total = total + weights.background * background_loss(seen, batch)
+    if weights.foreground:
+        total = total + weights.foreground * foreground_loss(seen, samples, thickness, batch)
+    if weights.density:
+        total = total + weights.density * density_loss(seen, samples, thickness, batch)
+    return total
 
 
 def colour_loss(seen: Composite, batch: Batch, gains: torch.Tensor, behind: torch.Tensor) -> torch.Tensor:
     """Smooth L1 between prediction and picture, both over the colours `behind` (R, 3).
 
-    Grey cameras are compared in luminance after their own gain and bias, gains (C, 2). Background and foreground losses
-    of the paper in one: over a random colour, what is not the object must be clear and what is must be opaque.
+    Grey cameras are compared in luminance after their own gain and bias, gains (C, 2). Over a random
+    colour, what is not the object must be clear and what is must be opaque.
     """
     luminance = torch.tensor(_LUMINANCE)
     behind = torch.where(batch.grey[:, None], (behind @ luminance)[:, None], behind)
@@ -32,17 +67,41 @@ def colour_loss(seen: Composite, batch: Batch, gains: torch.Tensor, behind: torc
     return torch.nn.functional.smooth_l1_loss(predicted, filmed, beta=_BEND) / _BEND
 
 
+def background_loss(seen: Composite, batch: Batch) -> torch.Tensor:
+    """Mean opacity of the rays that miss the object (paper: L_background)."""
+    outside = batch.matte < _EMPTY
+    return _mean(seen.opacity, outside)
+
+
+def foreground_loss(seen: Composite, samples: Samples, thickness: torch.Tensor, batch: Batch) -> torch.Tensor:
+    """Mean opacity of the samples before the surface on rays of the object (paper: L_foreground).
+
+    thickness (S,): density times length of the samples.
+    """
+    before = (_left(seen, samples) > _CLEAR) & (batch.matte[samples.ray] > _SOLID)
+    return _mean(1 - torch.exp(-thickness), before)
+
+
 def density_loss(seen: Composite, samples: Samples, thickness: torch.Tensor, batch: Batch) -> torch.Tensor:
     """Mean transparency of the samples behind the surface on rays of the object (paper: L_density).
 
     thickness (S,): density times length of the samples.
     """
+    behind = (_left(seen, samples) < _HIDDEN) & (batch.matte[samples.ray] > _SOLID)
+    return _mean(torch.exp(-thickness), behind)
+
+
+def _left(seen: Composite, samples: Samples) -> torch.Tensor:
+    """Share of the light that is left behind each sample, (S,)."""
     weight = seen.weight.detach()
     passed = torch.cumsum(weight, dim=0)
     first = samples.rays[:, 0].long().clamp(max=max(len(weight) - 1, 0))
-    left = 1 - (passed - (passed[first] - weight[first])[samples.ray])
-    inside = (left < _HIDDEN) & (batch.matte[samples.ray] > _SOLID)
-    return (torch.exp(-thickness) * inside).sum() / inside.sum().clamp(min=1)
+    return 1 - (passed - (passed[first] - weight[first])[samples.ray])
+
+
+def _mean(values: torch.Tensor, of: torch.Tensor) -> torch.Tensor:
+    """Of those chosen; zero where there are none."""
+    return (values * of).sum() / of.sum().clamp(min=1)
 
 
 def warp_loss(

@@ -12,7 +12,7 @@ import torch
 from recon.radiance.batches import Pixels, frames_of
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hulls import hulls_of
-from recon.radiance.losses import colour_loss, density_loss, warp_loss
+from recon.radiance.losses import LossWeights, colour_loss, shape_loss, warp_loss
 from recon.radiance.marching import Occupancy
 from recon.radiance.rendering import along
 from recon.radiance.run_state import Run
@@ -42,14 +42,16 @@ class TrainOptions:
     """Steps of both stages, samples a step, learning rates at their start, weights of losses.
 
     ramp: share of the motion stage over which frames join; pulling: levels of the hash grid whose derivative bends rays
-    meanwhile; cells: of the hulls along the longest side; density: weight of the loss that makes the inside opaque;
-    canonical_share: how much of its first rate the canonical field keeps in the motion stage.
+    meanwhile; cells: of the hulls along the longest side; canonical_share: of its first rate, for the canonical field
+    in the motion stage; canonical_frames: how many first frames, of an object still at rest, the canonical stage sees.
     """
 
     canonical_steps: int = 1200
+    canonical_frames: int = 1
     motion_steps: int = 4000
     samples: int = 1 << 14
-    field: FieldOptions = field(default_factory=FieldOptions)
+    weights: LossWeights = field(default_factory=LossWeights)
+    field: FieldOptions = field(default_factory=FieldOptions)  # last of these: it hides dataclasses.field
     field_rate: float = 2e-2
     bending_rate: float = 2e-3
     latent_rate: float = 5e-3
@@ -57,14 +59,13 @@ class TrainOptions:
     ramp: float = 0.5
     pulling: int = 5
     cells: int = 96
-    density: float = 0.01
     seed: int = 0
 
     def __post_init__(self) -> None:
-        counts = min(self.canonical_steps, self.samples, self.pulling) >= 1 and self.motion_steps >= 0
-        require(counts, "steps, samples and pulling", "be positive", self)
+        counts = min(self.canonical_steps, self.canonical_frames, self.samples, self.pulling) >= 1
+        require(counts and self.motion_steps >= 0, "steps, frames, samples and pulling", "be positive", self)
         rates = min(self.field_rate, self.bending_rate, self.latent_rate) > 0 and 0 < self.ramp <= 1
-        require(rates and self.density >= 0 and self.canonical_share >= 0, "rates and weights", "be in range", self)
+        require(rates and self.canonical_share >= 0, "rates", "be in range", self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,9 +90,11 @@ def train(
     say: told what is being done; watch: shown the field every `look` steps.
     A checkpoint in the folder is gone on from when it was made from the same views and options. A loss that is not
     finite or grows goes back to the last checkpoint at half the rates; after three times the status is "diverged".
-    Raises ValueError without mattes, with one camera, or where a frame shows nothing.
+    Raises ValueError without mattes, with one camera, with fewer than canonical_frames, or where one shows nothing.
     """
     options, folder, say = options or TrainOptions(), Path(folder), say or (lambda text: None)
+    first, count = options.canonical_frames, len(views.times)
+    require(first <= count, "canonical_frames", f"be at most the {count} frames there are", first)
     folder.mkdir(parents=True, exist_ok=True)
     box, occupancy = hulls_of(views, cells=options.cells, say=say)
     pixels, stops = Pixels.of(views, occupancy), Stops.of(occupancy)
@@ -99,7 +102,7 @@ def train(
     run = _started(views, box, options)
     run.resume(folder / CHECKPOINT, made_from)
     run.save(folder / CHECKPOINT, made_from)
-    total = options.canonical_steps + options.motion_steps * (len(views.times) > 1)
+    total = options.canonical_steps + options.motion_steps * (count > 1)
 
     def ended(status: str, sentence: str) -> Trained:
         return Trained(field=run.model.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence,
@@ -151,7 +154,7 @@ def _look(run: Run, stops: Stops, options: TrainOptions) -> None:
     """Every so many steps, and of many frames some at a time."""
     turn, left = divmod(run.step, _LOOK)
     if turn and not left:
-        frames = len(run.model.latents) if run.step > options.canonical_steps else 1
+        frames = len(run.model.latents) if run.step > options.canonical_steps else options.canonical_frames
         turns = -(-frames // _LOOKED)
         stops.look(run.model, range(turn % turns, frames, turns))
 
@@ -159,7 +162,7 @@ def _look(run: Run, stops: Stops, options: TrainOptions) -> None:
 def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options: TrainOptions) -> float:
     """One batch of rays, one step of every optimiser; the loss."""
     moving = run.step >= options.canonical_steps
-    chosen = _joined(run, pixels, occupancy, options) if moving else [0]
+    chosen = _joined(run, pixels, occupancy, options) if moving else range(options.canonical_frames)
     _set_rates(run, options, moving)
     batch = pixels.draw(frames_of(run.rays, chosen, run.generator), run.generator)
     behind, shift = (torch.rand(run.rays, *n, generator=run.generator) for n in ((3,), ()))
@@ -174,7 +177,7 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame,
                                     shift=shift, until=until)  # fmt: skip
     loss = colour_loss(seen, batch, run.gains, behind)
-    loss = loss + options.density * density_loss(seen, samples, thickness, batch)
+    loss = loss + shape_loss(seen, samples, thickness, batch, options.weights)
     warped = warp_loss(run.model, samples, canonical[0], thickness, run.generator) if moving else None
     for optimiser in run.optimisers.values():
         optimiser.zero_grad(set_to_none=True)
