@@ -12,7 +12,7 @@ from veo_ti.diagnosis.causes.clocks import ClockDrift, ForceTiming
 def pulsed() -> SimpleNamespace:
     """A force that is off, sets in, stays and ends."""
     course = np.array([0, 0, 0, 1.0, 1.0, 1.0, 0, 0, 0])
-    return SimpleNamespace(time=0.1 * np.arange(9), forces=course[:, None, None] * np.ones((1, 2, 3)))
+    return SimpleNamespace(time=0.1 * np.arange(9), forces=course[:, None, None] * np.ones((1, 2, 3)), jet=None)
 
 
 def read(scene: SimpleNamespace, cause, theta: float, place) -> np.ndarray:

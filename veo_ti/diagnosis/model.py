@@ -115,14 +115,15 @@ class Refit:
         )  # fmt: skip
 
     def taken_in(self) -> "Refit":
-        """The same with the cause as part of the model and of the observation, so that the next one stands alone."""
-        target = replace(self.scene.target, y=self.scene.target.y - (self.simulated - self.scene.y))
+        """The same with the cause as part of model, loads and observation, so that the next one stands alone."""
+        scene = self.scene if self.cause is None else self.cause.told(self.scene, self.theta, self.place)
+        target = replace(scene.target, y=scene.target.y - (self.simulated - scene.y))
         n, theta, given = len(self.coefficients), self.theta, self.normal
         b = given.b[:n] - given.A[:n, n:] @ theta
         c = given.c - 2 * given.b[n:] @ theta + theta @ given.A[n:, n:] @ theta
         normal = Normal(A=given.A[:n, :n], b=b, c=float(c), count=given.count)
         return replace(
-            self, scene=replace(self.scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
+            self, scene=replace(scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
             covariance=np.zeros((0, 0)),
             normal=normal, prior=self.prior[:n], around=self.around[:n], kept=self.kept.first(n),
         )  # fmt: skip

@@ -29,6 +29,7 @@ class Scene:
     y: np.ndarray  # (T, N, 3) [m], simulated
     target: Target  # all frames; outliers unseen
     train: np.ndarray  # (T,) bool
+    told: tuple[np.ndarray, Jet | None] | None = None  # nominal forces and jet, where not those of the measurement
 
     def moved(self, energy: Energy, y: np.ndarray) -> "Scene":
         """The same measurement under another model."""
@@ -38,6 +39,12 @@ class Scene:
         """The same motion in an object whose parameters are m (N, P)."""
         other = replace(self, energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
         other.__dict__.update(F=self.F, _recollections=self._recollections)  # they belong to the motion
+        return other
+
+    def under(self, forces: np.ndarray, jet: Jet | None) -> "Scene":
+        """The same motion, with these as the nominal forces (T, N, 3) [N], blown by this jet."""
+        other = replace(self, told=(forces, jet))
+        other.__dict__.update(F=self.F, _recollections=self._recollections)
         return other
 
     def recollection(self, name: Hashable, memory: Callable[[], Memory]) -> Recollection:
@@ -64,13 +71,22 @@ class Scene:
     @cached_property
     def forces(self) -> np.ndarray:
         """The nominal forces (T, N, 3) [N]."""
-        return forces_of(self.observation, self.cloud)
+        return forces_of(self.observation, self.cloud) if self.told is None else self.told[0]
+
+    @property
+    def jet(self) -> Jet | None:
+        """The nominal jet, where it is known."""
+        return self.observation.jet if self.told is None else self.told[1]
 
     def blown(self, jet: Jet) -> np.ndarray:
         """The forces of a jet (T, N, 3) [N], by the same rule as the nominal ones; on the area that those tell."""
         if self._told_area is None:
             return blown(self.observation, self.cloud, jet)
         return jet_forces(jet, self.cloud.x, self._told_area)
+
+    def reblown(self, jet: Jet) -> np.ndarray:
+        """The nominal forces (T, N, 3) [N] with the difference that another jet makes."""
+        return self.forces + self.blown(jet) - self.blown(self.jet)
 
     @cached_property
     def _told_area(self) -> np.ndarray | None:

@@ -51,10 +51,15 @@ class Cause:
     over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is a law of each point in proportion to its mu, lam: terms that have `each`
     follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other
+    rank = 9  # of two causes the lower one comes first: the other one takes the loads that it makes
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The change at theta (d,); at zero it does nothing."""
         raise NotImplementedError
+
+    def told(self, scene: Scene, theta: np.ndarray, place: Any) -> Scene:
+        """The scene as a cause beside this one takes it: under other nominal loads, where this one makes some."""
+        return scene
 
     def companion(self, scene: Scene, theta: np.ndarray, place: Any) -> Change | None:
         """The part of the change that is proportional to the material, or None."""

@@ -36,9 +36,23 @@ class Beside(Cause):
         for (cause, own), at in zip(self.parts, place, strict=True):
             yield cause, own, at
 
+    def _in_turn(self, place: Places) -> list[tuple[Cause, slice, Any]]:
+        return sorted(self._placed(place), key=lambda part: part[0].rank)
+
     def change(self, scene: Scene, theta: np.ndarray, place: Places) -> Change:
-        """Both changes; what tracking makes of the positions comes one after the other."""
-        return _joined([cause.change(scene, theta[own], at) for cause, own, at in self._placed(place)])
+        """Both changes, the second one's of what the first one makes of the loads; what tracking makes of the positions
+        comes one after the other."""
+        changes = []
+        for cause, own, at in self._in_turn(place):
+            changes.append(cause.change(scene, theta[own], at))
+            scene = cause.told(scene, theta[own], at)
+        return _joined(changes)
+
+    def told(self, scene: Scene, theta: np.ndarray, place: Places) -> Scene:
+        """By one after the other."""
+        for cause, own, at in self._in_turn(place):
+            scene = cause.told(scene, theta[own], at)
+        return scene
 
     def companion(self, scene: Scene, theta: np.ndarray, place: Places) -> Change | None:
         """Of those that have one."""

@@ -1,27 +1,65 @@
 """Causes in the clocks: the load comes at another time than it was said to."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.loads import added
+from sim.terms.jet import Jet
+from veo_ti.diagnosis.causes.base import Parameter
+from veo_ti.diagnosis.causes.loads import OtherLoads
 from veo_ti.diagnosis.scene import Scene
 
 
-class ByTheClock(Cause):
-    """A cause that reads the load between frames, where nobody knows it: places are two ways in which it may go."""
+@dataclass(frozen=True)
+class Reading:
+    """How the load goes on between frames: along a curve through them, as the jet that blows it or point by point."""
 
-    needs_load = True
+    way: type
+    jet: bool
 
-    def places(self, scene: Scene) -> Sequence[type]:
-        """Smoothly, or without overshooting, as a load that sets in does."""
-        return (CubicSpline, PchipInterpolator)
 
-    def near(self, scene: Scene, place: type) -> Sequence[type]:
-        """The other one."""
-        return [way for way in self.places(scene) if way is not place]
+class ByTheClock(OtherLoads):
+    """A cause that reads the load between frames, where nobody knows it: places are ways in which it may go."""
+
+    rank = 0  # what was said of the nozzle belongs to the nominal times
+
+    def places(self, scene: Scene) -> Sequence[Reading]:
+        """Smoothly, or without overshooting, as a load that sets in does; where the jet is known, also as it moves on:
+        between two frames the air then blows between their places, not weakly on both."""
+        return [
+            Reading(way, jet)
+            for jet in ((True, False) if scene.jet is not None else (False,))
+            for way in (CubicSpline, PchipInterpolator)
+        ]
+
+    def near(self, scene: Scene, place: Reading) -> Sequence[Reading]:
+        """The others."""
+        return [other for other in self.places(scene) if other != place]
+
+    def elsewhere(self, scene: Scene, place: Reading) -> Reading:
+        """Point by point where no jet is known."""
+        return replace(place, jet=place.jet and scene.jet is not None)
+
+    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
+        """When, by the nominal clock, the load of each frame comes, (T,) [s]."""
+        raise NotImplementedError
+
+    def loads(self, scene: Scene, theta: np.ndarray, place: Reading) -> tuple[np.ndarray, Jet | None]:
+        """The nominal history read at other times, continued by at most a frame beyond both ends."""
+        first, last = scene.time[:2], scene.time[-2:]
+        time = np.clip(self.times(scene, theta), 2 * first[0] - first[1], 2 * last[1] - last[0])
+
+        def read(values: np.ndarray) -> np.ndarray:
+            return place.way(scene.time, values, axis=0)(time)
+
+        if not place.jet:
+            return read(scene.forces), scene.jet
+        way, force = read(scene.jet.direction), np.maximum(read(scene.jet.force), 0.0)
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        ours = replace(scene.jet, position=read(scene.jet.position), direction=way, force=force)
+        return scene.blown(ours) + read(scene.forces - scene.blown(scene.jet)), ours
 
 
 class ForceTiming(ByTheClock):
@@ -35,9 +73,9 @@ class ForceTiming(ByTheClock):
         """About one frame."""
         return np.array([float(np.median(np.diff(scene.time)))])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: type) -> Change:
-        """The load history read at shifted times."""
-        return added(_at(scene, scene.time - theta[0], place) - scene.forces)
+    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
+        """All as much earlier as it comes late."""
+        return scene.time - theta[0]
 
 
 class ClockDrift(ByTheClock):
@@ -51,12 +89,6 @@ class ClockDrift(ByTheClock):
         """About one frame over the whole measurement."""
         return np.array([float(np.median(np.diff(scene.time)) / np.ptp(scene.time))])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: type) -> Change:
-        """The load history read by the other clock."""
-        return added(_at(scene, scene.time + theta[0] * (scene.time - scene.time[0]), place) - scene.forces)
-
-
-def _at(scene: Scene, time: np.ndarray, way: type) -> np.ndarray:
-    """The nominal forces at other times (T, N, 3) [N], continued by at most a frame beyond both ends."""
-    first, last = scene.time[:2], scene.time[-2:]
-    return way(scene.time, scene.forces, axis=0)(np.clip(time, 2 * first[0] - first[1], 2 * last[1] - last[0]))
+    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
+        """Ever farther off."""
+        return scene.time + theta[0] * (scene.time - scene.time[0])

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.terms.handles import Handles
+from sim.terms.jet import Jet
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
@@ -23,53 +24,74 @@ def added(force: np.ndarray) -> Change:
     return Change(terms=(AppliedForce(force=force),))
 
 
-class ForceDirection(Cause):
+class OtherLoads(Cause):
+    """A cause that makes other loads of the nominal ones. Of two, one takes what the other makes: f = R(w) f0(t - d) is
+    not the sum of what each does alone."""
+
+    needs_load = True
+    rank = 3
+
+    def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
+        """The forces (T, N, 3) [N] instead of the nominal ones, and the jet that blows them, where one is known."""
+        raise NotImplementedError
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The difference that it makes."""
+        return added(self.loads(scene, theta, place)[0] - scene.forces)
+
+    def told(self, scene: Scene, theta: np.ndarray, place: Any) -> Scene:
+        """Under these loads."""
+        return scene.under(*self.loads(scene, theta, place))
+
+
+class ForceDirection(OtherLoads):
     """f = R(w) f, or the whole jet turned about its nozzle."""
 
     name = "force_direction"
     sentence = "The force points elsewhere than it was said to, by the same rotation in every frame."
     parameters = tuple(Parameter(name=f"turn_{a}", unit="rad", sd=0.07) for a in "xyz")
-    needs_load = True
+    rank = 2  # of a jet that is shifted, too
 
     def places(self, scene: Scene) -> Sequence[Any]:
         """Turned on the spot; where the jet is known, also turned about the nozzle, which moves its footprint."""
-        return ("force", "nozzle") if scene.observation.jet is not None else ("force",)
+        return ("force", "nozzle") if scene.jet is not None else ("force",)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
-        """The difference that the rotation makes."""
-        turn = Rotation.from_rotvec(theta)
+    def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
+        """Turned."""
+        turn, jet = Rotation.from_rotvec(theta), scene.jet
         if place == "force":
-            return added(turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape) - scene.forces)
-        jet = scene.observation.jet
-        return added(scene.blown(replace(jet, direction=turn.apply(jet.direction))) - scene.blown(jet))
+            return turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape), jet
+        turned = replace(jet, direction=turn.apply(jet.direction))
+        return scene.reblown(turned), turned
 
     def elsewhere(self, scene: Scene, place: str) -> str:
         """Without a nozzle to turn about, the force is turned where it acts."""
-        return place if scene.observation.jet is not None else "force"
+        return place if scene.jet is not None else "force"
 
     def describe(self, scene: Scene, place: str) -> str:
         """What is turned."""
         return "turned where it acts" if place == "force" else "turned about the nozzle"
 
 
-class ForceOffset(Cause):
+class ForceOffset(OtherLoads):
     """f(x) = f0(x - dp)."""
 
     name = "force_offset"
     sentence = "The force acts beside the place it was said to, by the same shift in every frame."
     parameters = tuple(Parameter(name=f"shift_{a}", unit="m", sd=0.01) for a in "xyz")
-    needs_load = True
+    rank = 1
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
         """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
-        jet = scene.observation.jet
+        jet = scene.jet
         if jet is not None:
-            return added(scene.blown(replace(jet, position=jet.position + theta)) - scene.blown(jet))
+            shifted = replace(jet, position=jet.position + theta)
+            return scene.reblown(shifted), shifted
         slope = scene.cloud.deformation_gradient(scene.forces + scene.cloud.x) - np.eye(3)
-        return added(-slope @ theta)
+        return scene.forces - slope @ theta, None
 
 
-class ForceMagnitude(Cause):
+class ForceMagnitude(OtherLoads):
     """f = f0 s^n, or f0 / (s + (1 - s) exp(n)), which saturates; s = |F| / F_max, |F| the total of a frame."""
 
     name = "force_magnitude"
@@ -91,34 +113,34 @@ class ForceMagnitude(Cause):
         """The other law: far from the null they differ more than at it."""
         return [law for law in self.places(scene) if law != place]
 
-    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
+    def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
         """Scaled frame by frame."""
         share = scene.total_force / scene.total_force.max()
         if place == "power":
             factor = np.maximum(share, 1e-3) ** theta[0]
         else:
             factor = 1 / (share + (1 - share) * np.exp(theta[0]))
-        return added(np.where(share > 0, factor - 1, 0.0)[:, None, None] * scene.forces)
+        return np.where(share > 0, factor, 1.0)[:, None, None] * scene.forces, scene.jet
 
     def describe(self, scene: Scene, place: str) -> str:
         """By which law."""
         return "by a power of its strength" if place == "power" else "by a saturation"
 
 
-class FollowerLoad(Cause):
+class FollowerLoad(OtherLoads):
     """f = (1 - w) f0 + w cof(F) f0."""
 
     name = "follower_load"
     sentence = "The force turns and spreads with the surface it acts on instead of keeping its direction."
     parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True),)
-    needs_load = True
     follows = True
+    rank = 4  # it carries what comes at a frame
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
         """Carried along by the deformation of the baseline's motion."""
         J = np.linalg.det(scene.F)[..., None, None]
         carried = np.einsum("tnba,tnb->tna", np.linalg.inv(scene.F) * J, scene.forces)
-        return added(theta[0] * (carried - scene.forces))
+        return scene.forces + theta[0] * (carried - scene.forces), scene.jet
 
 
 Spot = tuple[int, float]  # a point, and over how many spacings a cause is spread around it
