@@ -47,19 +47,20 @@ class ByTheClock(OtherLoads):
         raise NotImplementedError
 
     def loads(self, scene: Scene, theta: np.ndarray, place: Reading) -> tuple[np.ndarray, Jet | None]:
-        """The nominal history read at other times, continued by at most a frame beyond both ends."""
-        first, last = scene.time[:2], scene.time[-2:]
-        time = np.clip(self.times(scene, theta), 2 * first[0] - first[1], 2 * last[1] - last[0])
+        """The nominal history read at other times: before the first frame as in the reference pose, after the last one
+        continued by at most a frame. A nozzle that jumps to another place does not swing."""
+        time = np.clip(self.times(scene, theta), scene.time[0], 2 * scene.time[-1] - scene.time[-2])
 
-        def read(values: np.ndarray) -> np.ndarray:
-            return place.way(scene.time, values, axis=0)(time)
+        def read(values: np.ndarray, way: type = place.way) -> np.ndarray:
+            return way(scene.time, values, axis=0)(time)
 
+        jet = scene.jet
         if not place.jet:
-            return read(scene.forces), scene.jet
-        way, force = read(scene.jet.direction), np.maximum(read(scene.jet.force), 0.0)
-        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
-        ours = replace(scene.jet, position=read(scene.jet.position), direction=way, force=force)
-        return scene.blown(ours) + read(scene.forces - scene.blown(scene.jet)), ours
+            return read(scene.forces), jet
+        position, direction = (read(v, PchipInterpolator) for v in (jet.position, jet.direction))
+        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
+        ours = replace(jet, position=position, direction=direction, force=np.maximum(read(jet.force), 0.0))
+        return scene.blown(ours) + read(scene.forces - scene.blown(jet)), ours
 
 
 class ForceTiming(ByTheClock):
