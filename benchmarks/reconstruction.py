@@ -12,6 +12,7 @@ from benchmarks.reconstruction_rows import (
     bent_rows,
     cloud_rows,
     correspondence_row,
+    grey_row,
     object_rows,
     picture_row,
     stiffness_row,
@@ -43,6 +44,9 @@ class Plan:
     static: RigOptions
     static_resolution: int
     static_steps: int
+    few: RigOptions
+    few_test: tuple[str, ...]
+    few_steps: int
     moving: RigOptions
     resolution: int
     short: TrainOptions  # for two minutes
@@ -58,6 +62,7 @@ class Plan:
 
 FULL = Plan(
     static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=2000,
+    few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=1500,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),
     long=TrainOptions(canonical_steps=1000, motion_steps=3800),
@@ -69,6 +74,7 @@ FULL = Plan(
 _FEW = TrainOptions(canonical_steps=250, motion_steps=100, samples=4096)
 QUICK = Plan(
     static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48, static_steps=250,
+    few=RigOptions(cameras=6, frames=2, size=96), few_test=("cam0002",), few_steps=100,
     moving=RigOptions(cameras=8, frames=4, size=96, greys=False), resolution=48, short=_FEW, long=_FEW, points=700,
     loop=RigOptions(cameras=8, frames=4, size=96, greys=False), shapes=SHAPES[:1],
     choice=ReconstructChoice(resolution=48, test=("cam0003",), train=_FEW, extract=ExtractOptions(points=700)),
@@ -80,6 +86,7 @@ def sections(place: Path, plan: Plan) -> dict[str, Callable[[], list[Row]]]:
     """What is measured in which order."""
     out = {
         "one frame": lambda: static_rows(place, plan),
+        "grey sensors": lambda: grey_rows(place, plan),
         "short training": lambda: short_rows(place, plan),
         "long training": lambda: long_rows(place, plan),
     }
@@ -91,6 +98,15 @@ def static_rows(place: Path, plan: Plan) -> list[Row]:
     filmed = Filmed.of(_recorded(place / "static", plan.static), plan.static_resolution, plan.test).only_first_frame()
     work = timed(filmed, replace(plan.long, canonical_steps=plan.static_steps, motion_steps=0))
     return [picture_row(filmed, work, f"One frame, {plan.static_resolution} pixels", least=33, most=30)]
+
+
+def grey_rows(place: Path, plan: Plan) -> list[Row]:
+    """What the grey sensors add where devices are few."""
+    folder, both = _recorded(place / "few", plan.few), []
+    for greys in (False, True):
+        filmed = Filmed.of(folder, plan.resolution, plan.few_test, greys=greys).only_first_frame()
+        both.append((filmed, timed(filmed, replace(plan.long, canonical_steps=plan.few_steps, motion_steps=0))))
+    return [grey_row(*both)]
 
 
 def short_rows(place: Path, plan: Plan) -> list[Row]:

@@ -40,6 +40,10 @@ class Work:
         """In words."""
         return f"{self.wall:.0f} s, {self.cpu:.0f} s of processor time"
 
+    def picture(self, camera: Camera, frame: int) -> np.ndarray:
+        """What a camera sees of the field in a frame, (h, w, 3)."""
+        return render(self.trained.field, self.trained.occupancy, camera, frame=frame, fineness=STILL).colour
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Filmed:
@@ -50,11 +54,11 @@ class Filmed:
     truth: Truth
 
     @classmethod
-    def of(cls, folder: Path, resolution: int, test: tuple[str, ...]) -> "Filmed":
-        """Decoded into the folder beside the recording."""
-        choice = ReconstructChoice(resolution=resolution, test=test)
+    def of(cls, folder: Path, resolution: int, test: tuple[str, ...], *, greys: bool = False) -> "Filmed":
+        """Decoded into the folder beside the recording; greys: the left and right sensors teach too."""
+        choice = ReconstructChoice(resolution=resolution, test=test, greys=greys)
         capture, place = capture_of(folder, choice), folder.with_name(f"{folder.name}-{resolution}")
-        views = training_views(capture, place / "views", ViewOptions(resolution=resolution))
+        views = training_views(capture, place / "views", ViewOptions(resolution=resolution, streams=choice.streams))
         return cls(views=views, judges=judging_views(capture, place, choice), truth=read_truth(folder))
 
     def only_first_frame(self) -> "Filmed":
@@ -84,17 +88,23 @@ def judged(filmed: Filmed, picture: Callable[[object, int], np.ndarray]) -> floa
 
 def picture_row(filmed: Filmed, work: Work, what: str, *, least: float, most: float) -> Row:
     """Held-out quality and the time it took, against both targets."""
-    trained = work.trained
-
-    def picture(camera: Camera, frame: int) -> np.ndarray:
-        return render(trained.field, trained.occupancy, camera, frame=frame, fineness=STILL).colour
-
-    found = judged(filmed, picture)
+    found = judged(filmed, work.picture)
     return Row(
         what=f"{what}: PSNR on the object's pixels of {len(filmed.judges.cameras)} held-out cameras, training time",
         figure=f"{found:.1f} dB in {work.took}", target=f">= {least:g} dB in <= {most:g} s",
         reached=found >= least and work.wall <= most,
     )  # fmt: skip
+
+
+def grey_row(colour: tuple[Filmed, Work], greys: tuple[Filmed, Work]) -> Row:
+    """Held-out quality of one frame by the colour sensors of few devices, and by all three sensors of each."""
+    found = [judged(filmed, work.picture) for filmed, work in (colour, greys)]
+    devices, sensors = (len(filmed.views.cameras) for filmed, _ in (colour, greys))
+    return Row(
+        what=f"One frame, {devices} devices: object PSNR of {len(colour[0].judges.cameras)} held-out cameras, by the "
+        f"colour sensors alone, and with the two grey ones of each ({sensors} sensors), as many steps",
+        figure=f"{found[0]:.1f} and {found[1]:.1f} dB",
+    )
 
 
 @torch.no_grad()

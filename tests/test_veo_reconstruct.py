@@ -23,7 +23,7 @@ from veo_ti.observation import Observation
 from veo_ti.reconstruction.driven import driven_frames
 from veo_ti.reconstruction.loop import run_recording
 from veo_ti.reconstruction.orbit import render_reconstruction
-from veo_ti.reconstruction.run import ReconstructChoice, fixed_points, reconstruct_folder
+from veo_ti.reconstruction.run import ReconstructChoice, capture_of, fixed_points, reconstruct_folder
 from veo_ti.store import read_sequence
 
 FIELD = FieldOptions(grid=HashGrid(levels=5, coarsest=8, finest=64, log2_table=13))
@@ -134,6 +134,18 @@ def test_fixed_points_are_low_and_still():
                     times=np.array([0, 0.1]), spacing=0.1)  # fmt: skip
     fixed = fixed_points(cloud)
     assert fixed.any() and rest[fixed, 1].max() < 0.15
+
+
+def test_no_sensor_of_a_device_that_judges_teaches(tmp_path):
+    """The grey ones see almost what the colour one between them does."""
+    folder = make_rig(tmp_path / "rig", RigOptions(cameras=5, frames=2, size=96))
+    lend_mattes(folder)
+    choice = replace(CHOICE, greys=True)
+    capture = capture_of(folder, choice)
+    assert {c.name for c in capture.cameras if c.role == "test"} == {"cam0003", "cam0003.left", "cam0003.right"}
+    teaching = capture.chosen(("train",), choice.streams)
+    assert {c.stream for c in teaching} == {"colour", "left", "right"}
+    assert not any(c.device == "cam0003" for c in teaching)
 
 
 def test_what_is_missing_is_said(recording, tmp_path):

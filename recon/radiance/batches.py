@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from recon.radiance.marching import Occupancy, march
+from recon.radiance.marching import Occupancy, meets
 from recon.radiance.rendering import camera_rays
 from recon.views import Views
 from sim.checks import require
@@ -46,8 +46,8 @@ class Pixels:
         starts, directions = (torch.cat([r[i] for r in rays]) for i in (0, 1))
         hits = []
         for frame in range(len(views.times)):
-            found = march(occupancy, starts, directions, torch.full((len(starts),), frame), step=occupancy.spacing)
-            hit = np.flatnonzero((found.rays[:, 1].numpy() > 0) & inside)
+            met = meets(occupancy, starts, directions, torch.full((len(starts),), frame))
+            hit = np.flatnonzero(met.numpy() & inside)
             require(len(hit) > 0, f"frame {frame}", "show the object in some camera", "no pixel")
             hits.append(hit)
         centres = torch.stack([s[0] for s, _ in rays])

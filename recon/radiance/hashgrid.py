@@ -15,6 +15,7 @@ from sim.checks import require
 from sim.runtime import ensure
 
 FEATURES = 2  # numbers a table entry holds
+_BLOCK = 512  # turns of a loop that Taichi gives to one thread at once, whatever `block_dim` says
 _PRIMES = (2654435761, 805459861)  # of the hash; the first coordinate has one
 
 
@@ -185,17 +186,23 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
                 beyond = places[n, a] < 0 or places[n, a] > ti.cast(0.999999, real)
                 out[n, a] = ti.cast(0, real) if beyond else total[a]
 
+    @ti.func
+    def add_level(
+        level, places: ti.template(), layout: ti.template(), mask, pulled: ti.template(), out: ti.template()
+    ):  # fmt: skip
+        for n in range(places.shape[0]):
+            corner, inside = cell(places, n, layout[level, 0])
+            rows = entries(layout, level, corner, mask)
+            for c in ti.static(range(8)):
+                weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
+                for k in ti.static(range(FEATURES)):  # no `+=`, which would be atomic
+                    out[rows[c], k] = out[rows[c], k] + weight * pulled[n, FEATURES * level + k]
+
     @ti.kernel
     def table_gradient(places: Reals2, layout: Layout, mask: ti.i32, pulled: Reals2, out: Reals2):
         # One level in one thread: no two threads add to the same entry, and the order of additions is always the same.
-        ti.loop_config(block_dim=1)
-        for level in range(layout.shape[0]):
-            for n in range(places.shape[0]):
-                corner, inside = cell(places, n, layout[level, 0])
-                rows = entries(layout, level, corner, mask)
-                for c in ti.static(range(8)):
-                    weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
-                    for k in ti.static(range(FEATURES)):  # no `+=`, which would be atomic
-                        out[rows[c], k] = out[rows[c], k] + weight * pulled[n, FEATURES * level + k]
+        for turn in range(_BLOCK * layout.shape[0]):
+            if turn % _BLOCK == 0:
+                add_level(turn // _BLOCK, places, layout, mask, pulled, out)
 
     return _Kernels(encode=encode, place_gradient=place_gradient, table_gradient=table_gradient)

@@ -60,13 +60,7 @@ def march(
     shift (R,): where in the first step a ray's samples begin, 0 to 1; default the middle. until (R,) [m]: where rays
     end, such as on something opaque that stands in the field.
     """
-    ensure()
-    shift = torch.full((len(start),), 0.5) if shift is None else shift
-    until = torch.full((len(start),), torch.inf) if until is None else until
-    given = start, direction, frame.to(torch.int32), shift, until, occupancy.cells, occupancy.origin.to(torch.float32)
-    given = tuple(v.contiguous() for v in given)
-    rays = torch.zeros(len(start), 2, dtype=torch.int32)
-    _count(*given, occupancy.spacing, step, rays)
+    given, rays = _counted(occupancy, start, direction, frame, step, shift, until)
     rays[:, 0] = torch.cumsum(rays[:, 1], 0) - rays[:, 1]
     total = int(rays[-1].sum()) if len(rays) else 0
     place, depth, ray = torch.zeros(total, 3), torch.zeros(total), torch.zeros(total, dtype=torch.int32)
@@ -74,6 +68,26 @@ def march(
         _write(*given, occupancy.spacing, step, rays, place, depth, ray)
     ray = ray.long()
     return Samples(place=place, depth=depth, ray=ray, frame=frame.long()[ray], rays=rays)
+
+
+def meets(occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
+    """Which rays (R,) bool, as those of `march`, come by an occupied cell, looked at once in a cell's length."""
+    return _counted(occupancy, start, direction, frame, occupancy.spacing, None, None)[1][:, 1] > 0
+
+
+def _counted(
+    occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, step: float,
+    shift: torch.Tensor | None, until: torch.Tensor | None,
+) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:  # fmt: skip
+    """What the kernels take, and rays (R, 2) int32 with the number of samples of each."""
+    ensure()
+    shift = torch.full((len(start),), 0.5) if shift is None else shift
+    until = torch.full((len(start),), torch.inf) if until is None else until
+    given = start, direction, frame.to(torch.int32), shift, until, occupancy.cells, occupancy.origin.to(torch.float32)
+    given = tuple(v.contiguous() for v in given)
+    rays = torch.zeros(len(start), 2, dtype=torch.int32)
+    _count(*given, occupancy.spacing, step, rays)
+    return given, rays
 
 
 @ti.func

@@ -36,13 +36,19 @@ _LOW = 0.1  # of its height, within which fixed points are looked for
 
 @dataclass(frozen=True, kw_only=True)
 class ReconstructChoice:
-    """resolution [px] of the longer side; test: cameras that judge; greys: whether left and right ones teach too."""
+    """resolution [px] of the longer side; test: cameras that judge, whose devices teach nothing; greys: whether the
+    left and right ones of the others teach too."""
 
     resolution: int = 128
     test: tuple[str, ...] = ()
     greys: bool = False
     train: TrainOptions = field(default_factory=TrainOptions)
     extract: ExtractOptions = field(default_factory=ExtractOptions)
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """The sensors of a device that teach."""
+        return ("colour", "left", "right") if self.greys else ("colour",)
 
 
 def reconstruct_folder(
@@ -56,10 +62,9 @@ def reconstruct_folder(
     """
     choice, say, out = choice or ReconstructChoice(), say or (lambda text: None), writable_folder(out)
     capture = capture_of(Path(folder), choice)
-    streams = ("colour", "left", "right") if choice.greys else ("colour",)
     say("pictures at training resolution")
     size = ViewOptions(resolution=choice.resolution)
-    views = training_views(capture, out / "views", replace(size, streams=streams), say)
+    views = training_views(capture, out / "views", replace(size, streams=choice.streams), say)
     judges = judging_views(capture, out, choice, say)
     trained = _trained(views, judges, choice, out, say)
     say("judging")
@@ -104,8 +109,8 @@ def capture_of(folder: Path, choice: ReconstructChoice) -> Capture:
     require(not strange, "--test", f"be among {', '.join(names)}", ", ".join(strange))
     require(len(test) <= len(names) - 2, "--test", "leave two cameras to learn from", ", ".join(test))
     with_mattes = [c for c in capture.cameras if c.name in capture.mattes]
-    roles = {name: "test" for name in test}
-    return replace(capture, cameras=tuple(replace(c, role=roles.get(c.name, c.role)) for c in with_mattes))
+    judging = {c.device for c in able if c.name in test}  # a grey sensor sees almost what the colour one beside it does
+    return replace(capture, cameras=tuple(replace(c, role="test") if c.device in judging else c for c in with_mattes))
 
 
 def _trained(
