@@ -45,3 +45,40 @@ def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monke
     assert looks == [2] and (after is again) == taken
     if not taken:
         assert after.result is found and leaders._looked(after, 0.9, 0.0, None, str) is after
+
+
+@pytest.mark.parametrize(("other_leaves", "beside", "asked"), [
+    (2.0, None, True), (2.0, "another", False), (40.0, None, False), (9.5, None, True),
+])  # fmt: skip
+def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, monkeypatch):
+    """`a` obeys one of two laws, by the first of which it leaves 8 times the noise; the other law leaves only noise.
+
+    Not beside another cause, nor where something else leaves far less.
+    """
+    left, looks = {("a", "first"): 8.0, ("a", "second"): 1.0, ("b", None): other_leaves}, []
+    if other_leaves == 40.0:  # a leaves least, and that is noise
+        left[("a", "first")] = 1.0
+
+    def cause(name, *laws):
+        return SimpleNamespace(name=name, laws=lambda scene: laws)
+
+    def looked_at(found, current, model, floor, modes, say):
+        looks.append([(s.name, s.place) for s in found])
+        tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
+                                 model=SimpleNamespace(s2=1.0)) for s in found]  # fmt: skip
+        return tried, 1.0
+
+    def scores_of(current, model, floor, modes, tries):
+        (one, (place,)), = tries
+        return None, [SimpleNamespace(name=one.name, cause=one, place=place)]
+
+    monkeypatch.setattr(leaders, "_looked_at", looked_at)
+    monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
+    monkeypatch.setattr(leaders, "_beyond", lambda tried, *_: tried)
+    monkeypatch.setattr(leaders, "scores_of", scores_of)
+    given = [SimpleNamespace(name=c.name, cause=c, place=place) for c, place in (
+        (cause("a", "first", "second"), "first"), (cause("b"), None))]  # fmt: skip
+    current = SimpleNamespace(cause=beside, scene=None)
+    found, _ = leaders.refitted(given, current, None, 1.0, None, print)
+    assert (looks[1:] == [[("a", "second")]]) == asked and len(looks) == 1 + asked
+    assert [(r.cause.name, r.place) for r in found] == [("a", "second" if asked else "first"), ("b", None)]

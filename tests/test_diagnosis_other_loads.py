@@ -11,7 +11,8 @@ from test_diagnosis import scene  # noqa: F401
 from sim.terms.jet import jet_forces
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.clocks import ClockDrift, ForceTiming, Reading
-from veo_ti.diagnosis.causes.loads import FollowerLoad, ForceDirection, ForceMagnitude, ForceOffset, HiddenForce
+from veo_ti.diagnosis.causes.loads import HiddenForce
+from veo_ti.diagnosis.causes.other_loads import FollowerLoad, ForceDirection, ForceMagnitude, ForceOffset, Strength
 
 TURN, SHIFT = np.array([0.3, -0.2, 0.1]), np.array([0.04, -0.02, 0.01])
 R = Rotation.from_rotvec(TURN)
@@ -48,7 +49,7 @@ def carried(scene, forces: np.ndarray) -> np.ndarray:  # noqa: F811
 CAUSES = {
     "late": (ForceTiming(), [FRAME], BY_POINTS, lambda _, f: late(f)),
     "turned": (ForceDirection(), TURN, "force", lambda _, f: turned(f)),
-    "saturated": (ForceMagnitude(), [0.5], "saturation", lambda _, f: saturated(f)),
+    "saturated": (ForceMagnitude(), [0.5], Strength("saturation", False), lambda _, f: saturated(f)),
     "carried": (FollowerLoad(), [1.0], None, carried),
 }
 
@@ -84,6 +85,19 @@ def test_a_jet_that_is_shifted_and_turned_is_one_jet(scene, place):  # noqa: F81
         (Beside(ForceDirection(), ForceOffset()), [*TURN, *SHIFT], (place, None)),
     ):
         assert made(scene, cause, theta, at) == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("law", "theta", "valve"), [
+    ("saturation", -np.log(1 + 1.7), lambda s: (1 + 1.7) * s / (1 + 1.7 * s)), ("power", 0.4, lambda s: s**1.4),
+])  # fmt: skip
+def test_a_valve_changes_the_jet_however_much_of_it_the_object_meets(scene, law, theta, valve):  # noqa: F811
+    """Against a jet of other strengths; by the total of each frame the same law is another one."""
+    jet, cloud = scene.observation.jet, scene.cloud
+    most = jet.force.max()
+    expected = jet_forces(replace(jet, force=most * valve(jet.force / most)), cloud.x, cloud.area)
+    found, by_total = (made(scene, ForceMagnitude(), [theta], Strength(law, of_jet)) for of_jet in (True, False))
+    size = np.linalg.norm(expected)
+    assert np.linalg.norm(found - expected) < 1e-6 * size < 1e-3 * np.linalg.norm(by_total - expected)
 
 
 def test_what_is_told_of_the_loads_is_what_both_make_of_them(scene):  # noqa: F811

@@ -12,8 +12,9 @@ from veo_ti.diagnosis import pairs
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.dynamics import Damping
-from veo_ti.diagnosis.causes.loads import ForceMagnitude, HiddenForce
+from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
+from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.moments import Along, moments

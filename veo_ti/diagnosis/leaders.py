@@ -55,10 +55,37 @@ def refitted(
 ) -> tuple[list[Refit], float]:
     """The leaders at the best of their places, and the noise that the best leaves: what it explains was no noise.
 
+    In the first look those that obey one of several laws are refitted by the others as well, unless they leave least,
+    and that is noise.
+    """
+    leaders = _narrowed(leaders, current, model, floor, modes, say)
+    tried, reached = _looked_at(leaders, current, model, floor, modes, say)
+    nearest = min((t.left for t in tried), default=0.0)
+    close = [t.left < _NEARBY * nearest and t.left > min(nearest, _IN_REACH * floor) for t in tried]
+    others = [
+        (s.cause, law)
+        for s, may_be in zip(leaders, close, strict=True)
+        for law in (s.cause.laws(current.scene) if may_be and current.cause is None else ())
+        if law != s.place
+    ]
+    if others:
+        scores = [scores_of(current, model, floor, modes, [(cause, [law])])[1][0] for cause, law in others]
+        more, less = _looked_at(scores, current, model, floor, modes, say)
+        best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
+        tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
+        nearest = min(t.left for t in tried)
+    tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
+    return [t.result for t in tried], min([reached, *(t.model.s2 for t in tried)])
+
+
+def _looked_at(
+    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress
+) -> tuple[list["_Tried"], float]:
+    """All refitted at their places, and the noise that the best leaves.
+
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
     at what it leaves, a few times, unless another leaves far less.
     """
-    leaders = _narrowed(leaders, current, model, floor, modes, say)
     tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(_LOOKS):
@@ -68,9 +95,7 @@ def refitted(
         if not again:
             break
         reached = min(reached, *(min(t.model.s2, t.left) for t in again))
-    nearest = min((t.left for t in tried), default=0.0)
-    tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
-    return [t.result for t in tried], min([reached, *(t.model.s2 for t in tried)])
+    return tried, reached
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

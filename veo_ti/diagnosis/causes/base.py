@@ -99,6 +99,10 @@ class Cause:
         """Places between `place` and the others that were scanned, for a closer look."""
         return ()
 
+    def laws(self, scene: Scene) -> Sequence[Any]:
+        """Places that differ so much far from the null that only a fit of each tells which it is."""
+        return ()
+
     def closer(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Any, np.ndarray] | None:
         """The place with what a cause that is followed to first order misses at theta, and theta there; None: nothing.
 

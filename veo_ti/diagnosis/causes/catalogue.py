@@ -1,6 +1,16 @@
 """Every known cause, in the order in which `veo causes` lists them."""
 
-from veo_ti.diagnosis.causes import clocks, dynamics, geometry, history, loads, material, measurement, surroundings
+from veo_ti.diagnosis.causes import (
+    clocks,
+    dynamics,
+    geometry,
+    history,
+    loads,
+    material,
+    measurement,
+    other_loads,
+    surroundings,
+)
 from veo_ti.diagnosis.causes.base import Cause
 
 CATALOGUE: tuple[Cause, ...] = (
@@ -14,11 +24,11 @@ CATALOGUE: tuple[Cause, ...] = (
     dynamics.Inertia(),
     dynamics.Damping(),
     geometry.AddedMass(),
-    loads.ForceDirection(),
-    loads.ForceOffset(),
-    loads.ForceMagnitude(),
+    other_loads.ForceDirection(),
+    other_loads.ForceOffset(),
+    other_loads.ForceMagnitude(),
     clocks.ForceTiming(),
-    loads.FollowerLoad(),
+    other_loads.FollowerLoad(),
     loads.HiddenForce(),
     loads.HiddenTether(),
     surroundings.HiddenContact(),

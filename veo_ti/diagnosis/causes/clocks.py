@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from sim.terms.jet import Jet
 from veo_ti.diagnosis.causes.base import Parameter
-from veo_ti.diagnosis.causes.loads import OtherLoads
+from veo_ti.diagnosis.causes.other_loads import OtherLoads
 from veo_ti.diagnosis.scene import Scene
 
 
