@@ -92,6 +92,16 @@ class _Way:
         """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
         return not self.gain <= _ALL * cost
 
+    def at(self, problem: Problem, state: Solved) -> np.ndarray:
+        """The coefficients (K + E,) of the state, with the discretisation's part that is most probable beside them.
+
+        That of the linear optimum belongs to another material, and may be far off beside this one.
+        """
+        own, unknowns = slice(problem.materials, len(state.coefficients)), np.append(state.coefficients, state.theta)
+        left = (self.normal.b / problem.model.s2 - self.curvature @ unknowns)[own]
+        unknowns[own] += np.linalg.solve(self.curvature[own, own], left)
+        return unknowns[: len(state.coefficients)]
+
     def damped(self, damping: float) -> np.ndarray:
         """The step of a curvature with so much more of its diagonal."""
         if not damping:
@@ -160,7 +170,7 @@ def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line)
     sd = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), _T * jackknife(parts, problem.prior, root))
     done = way.gain < max(_LEAST, 2 * _SHARE * cost)
     short = np.inf if way.broken(cost) else way.gain
-    best = way.found.mean[:n] if done else state.coefficients
+    best = way.at(problem, state)
     return Refit(
         cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
         covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,

@@ -1,0 +1,40 @@
+"""What a refit says it shows: the motion of the material it ended at, and a discretisation's part that suits it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
+
+from sim.newton import NewtonOptions, equilibrate
+from veo_ti.diagnosis.columns import Known
+from veo_ti.diagnosis.refit import refit
+
+MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
+
+
+@pytest.fixture(scope="module")
+def alike(scene, model):  # noqa: F811
+    """A measurement of a material off its prior's mean, and a discretisation's part that looks like that material.
+
+    Both together fit it in any mixture, and a mixture is more probable: by less than what a fit goes on for.
+    """
+    a = np.zeros(len(model.prior))
+    a[MODE] = CHANGE * np.sqrt(model.prior[MODE])
+    energy = scene.energy.with_elastic(model.basis.elastic(scene.energy.elastic, a))
+    y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
+    seen = y + NOISE / 100 * np.random.default_rng(0).normal(size=y.shape)
+    part = Known(motion=TIMES * (y - scene.y))
+    both = replace(model, extra=(part,), prior=np.append(model.prior, 1.0), s2=NOISE**2)
+    return scene.moved(energy, y), replace(scene.target, y=seen), both, np.append(a, 0.0)
+
+
+def test_what_is_shown_fits_as_well_as_the_motion_it_ended_at(alike):
+    moved, target, both, start = alike
+    found = refit(replace(moved, target=target), both, start)
+    assert found.converged and found.scene.y == pytest.approx(moved.y, abs=2e-6)  # nothing was worth a step
+    assert np.sqrt(2 * found.short) > 0.02  # though a mixture is more probable
+    counted = target.seen[..., None]
+    left, without = (np.linalg.norm((target.y - y) * counted) for y in (found.shown, found.scene.y))
+    assert left <= 1.001 * without
+    assert np.linalg.norm(both.extra[0].motion * counted) > 20 * without  # which a little of the part would spoil
