@@ -71,12 +71,11 @@ class Camera:
         local = points.reshape(-1, 3) @ self.T_camera_world[:3, :3].T + self.T_camera_world[:3, 3]
         ahead = local[:, 2] > 0
         pixels = np.full((len(local), 2), np.nan)
-        if self.distortion.any():
-            zero = np.zeros(3)
-            if ahead.any():
-                pixels[ahead] = cv2.projectPoints(local[ahead, None], zero, zero, self.K, self._coefficients)[0][:, 0]
-        else:
+        if not self.distortion.any():
             pixels[ahead] = local[ahead, :2] / local[ahead, 2:] * np.diagonal(self.K)[:2] + self.K[:2, 2]
+        elif ahead.any():
+            zero = np.zeros(3)
+            pixels[ahead] = cv2.projectPoints(local[ahead, None], zero, zero, self.K, self._coefficients)[0][:, 0]
         return pixels.reshape(*points.shape[:-1], 2), local[:, 2].reshape(points.shape[:-1])
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:

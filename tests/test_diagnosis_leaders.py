@@ -69,8 +69,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
         return tried, 1.0
 
     def scores_of(current, model, floor, modes, tries):
-        (one, (place,)), = tries
-        return None, [SimpleNamespace(name=one.name, cause=one, place=place)]
+        return None, [SimpleNamespace(name=one.name, cause=one, place=place) for one, (place,) in tries]
 
     monkeypatch.setattr(leaders, "_looked_at", looked_at)
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)

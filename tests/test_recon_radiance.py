@@ -70,22 +70,6 @@ def test_a_camera_that_taught_nothing_sees_the_object_in_both_frames(trained, ca
         assert np.median(shown.depth[matte]) == pytest.approx(0.8 - RADII.mean(), abs=0.05)
 
 
-def test_several_frames_at_rest_teach_the_canonical_field_what_a_dim_first_one_hides(cameras, views, tmp_path):
-    still = [np.repeat(v[:1], 4, axis=0) for v in views.images]
-    for images in still:
-        images[0] //= 2
-    mattes = tuple(np.repeat(m[:1], 4, axis=0) for m in views.mattes)
-    filmed = replace(views, times=np.arange(4) * 0.025, images=tuple(still), mattes=mattes)
-    matte = silhouette(cameras[TRAIN], MIDDLE[0])
-    target = drawn(cameras[TRAIN], MIDDLE[0], cameras[TRAIN].rays(cameras[TRAIN].grid())) / 255
-    quality = []
-    for frames in (1, 4):
-        options = replace(OPTIONS, motion_steps=0, canonical_frames=frames)
-        made = train(filmed, tmp_path / str(frames), options)
-        quality.append(psnr(render(made.field, made.occupancy, cameras[TRAIN]).colour, target, matte))
-    assert quality[1] > quality[0] + 2
-
-
 def test_points_of_the_surface_are_carried_along(trained):
     points = inside(400, MIDDLE[0])
     skin = points / np.linalg.norm(points / RADII, axis=1, keepdims=True) * 0.95

@@ -69,7 +69,7 @@ def refitted(
         if law != s.place
     ]
     if others:
-        scores = [scores_of(current, model, floor, modes, [(cause, [law])])[1][0] for cause, law in others]
+        scores = scores_of(current, model, floor, modes, [(cause, [law]) for cause, law in others])[1]
         more, less = _looked_at(scores, current, model, floor, modes, say)
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)

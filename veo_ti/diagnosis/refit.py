@@ -169,8 +169,9 @@ def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line)
     parts = line.kept.parts(problem.residual(state.scene, state.theta), seen, around, _PARTS)
     sd = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), _T * jackknife(parts, problem.prior, root))
     done = way.gain < max(_LEAST, 2 * _SHARE * cost)
-    short = np.inf if way.broken(cost) else way.gain
-    best = way.at(problem, state)
+    broken = way.broken(cost)
+    short = np.inf if broken else way.gain
+    best = state.coefficients if broken else way.at(problem, state)
     return Refit(
         cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
         covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +38,16 @@ class Scene:
 
     def of_material(self, m: np.ndarray) -> "Scene":
         """The same motion in an object whose parameters are m (N, P)."""
-        other = replace(self, energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
-        other.__dict__.update(F=self.F, _recollections=self._recollections)  # they belong to the motion
-        return other
+        return self._of_same_motion(energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
 
     def under(self, forces: np.ndarray, jet: Jet | None) -> "Scene":
         """The same motion, with these as the nominal forces (T, N, 3) [N], blown by this jet."""
-        other = replace(self, told=(forces, jet))
+        other = self._of_same_motion(told=(forces, jet))
+        other.__dict__.update(_told_area=self._told_area)  # the measurement's, whatever is told instead
+        return other
+
+    def _of_same_motion(self, **changes: Any) -> "Scene":
+        other = replace(self, **changes)
         other.__dict__.update(F=self.F, _recollections=self._recollections)
         return other
 

@@ -42,11 +42,9 @@ class Beside(Cause):
     def change(self, scene: Scene, theta: np.ndarray, place: Places) -> Change:
         """Both changes, the second one's of what the first one makes of the loads; what tracking makes of the positions
         comes one after the other."""
-        changes = []
-        for cause, own, at in self._in_turn(place):
-            changes.append(cause.change(scene, theta[own], at))
-            scene = cause.told(scene, theta[own], at)
-        return _joined(changes)
+        (one, own, at), (then, rest, there) = self._in_turn(place)
+        told = one.told(scene, theta[own], at)
+        return _joined([one.change(scene, theta[own], at), then.change(told, theta[rest], there)])
 
     def told(self, scene: Scene, theta: np.ndarray, place: Places) -> Scene:
         """By one after the other."""

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from sim.terms.jet import Jet
 from veo_ti.diagnosis.causes.base import Parameter
-from veo_ti.diagnosis.causes.other_loads import OtherLoads
+from veo_ti.diagnosis.causes.other_loads import OfTheJet
 from veo_ti.diagnosis.scene import Scene
 
 
@@ -20,7 +20,7 @@ class Reading:
     jet: bool
 
 
-class ByTheClock(OtherLoads):
+class ByTheClock(OfTheJet):
     """A cause that reads the load between frames, where nobody knows it: places are ways in which it may go."""
 
     rank = 0  # what was said of the nozzle belongs to the nominal times
@@ -33,14 +33,6 @@ class ByTheClock(OtherLoads):
             for jet in ((True, False) if scene.jet is not None else (False,))
             for way in (CubicSpline, PchipInterpolator)
         ]
-
-    def near(self, scene: Scene, place: Reading) -> Sequence[Reading]:
-        """The others."""
-        return [other for other in self.places(scene) if other != place]
-
-    def elsewhere(self, scene: Scene, place: Reading) -> Reading:
-        """Point by point where no jet is known."""
-        return replace(place, jet=place.jet and scene.jet is not None)
 
     def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
         """When, by the nominal clock, the load of each frame comes, (T,) [s]."""

@@ -80,6 +80,18 @@ class ForceOffset(OtherLoads):
         return scene.forces - slope @ theta, None
 
 
+class OfTheJet(OtherLoads):
+    """Other loads by one of several laws, of the jet or of the forces: places have a `jet` that says of which."""
+
+    def near(self, scene: Scene, place: Any) -> Sequence[Any]:
+        """The other ones."""
+        return [other for other in self.places(scene) if other != place]
+
+    def elsewhere(self, scene: Scene, place: Any) -> Any:
+        """Of the forces where no jet is known."""
+        return replace(place, jet=place.jet and scene.jet is not None)
+
+
 @dataclass(frozen=True)
 class Strength:
     """How a force is not proportional: by a power of its strength or by a saturation; of the jet's, or of the total."""
@@ -88,7 +100,7 @@ class Strength:
     jet: bool
 
 
-class ForceMagnitude(OtherLoads):
+class ForceMagnitude(OfTheJet):
     """f = f0 s^n, or f0 / (s + (1 - s) exp(n)), which saturates; s = F / F_max, F of the jet or a frame's total."""
 
     name = "force_magnitude"
@@ -108,10 +120,6 @@ class ForceMagnitude(OtherLoads):
         whose = (True, False) if scene.jet is not None and scene.jet.force.any() else (False,)
         return [Strength(law, jet) for jet in whose for law in ("power", "saturation")]
 
-    def near(self, scene: Scene, place: Strength) -> Sequence[Strength]:
-        """The other ones."""
-        return [law for law in self.places(scene) if law != place]
-
     def laws(self, scene: Scene) -> Sequence[Strength]:
         """All."""
         return self.places(scene)
@@ -125,10 +133,6 @@ class ForceMagnitude(OtherLoads):
         else:
             factor = 1 / (share + (1 - share) * np.exp(theta[0]))
         return np.where(share > 0, factor, 1.0)[:, None, None] * scene.forces, scene.jet
-
-    def elsewhere(self, scene: Scene, place: Strength) -> Strength:
-        """Of the total where no jet is known."""
-        return replace(place, jet=place.jet and scene.jet is not None)
 
     def describe(self, scene: Scene, place: Strength) -> str:
         """By which law."""
