@@ -181,10 +181,10 @@ def test_noise_that_lasts_goes_on_evenly_and_missing_physics_does_not(scene, bas
 
     def even(left: np.ndarray) -> float:
         y = scene.y + scene.moving * (5 * NOISE * left + NOISE * random.normal(size=scene.y.shape))
-        return evenness(replace(scene, target=replace(scene.target, y=y)), modes)
+        return evenness(replace(scene, target=replace(scene.target, y=y, sigma=NOISE)), modes)
 
     assert even(lasting) > 0.5
-    assert even(load * wave) < 0.2
+    assert even(load * wave) < 0.2 and even(0.1 * load * wave) < 0.2  # beside white noise that is twice as large
     assert not even(np.broadcast_to(wave, scene.y.shape))  # it stays, as a constant force would make it
 
 

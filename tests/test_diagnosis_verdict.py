@@ -1,5 +1,6 @@
 """The verdict: what refitted causes allow to be said, and when nothing may be named."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +25,7 @@ def found(name: str, gained: float, explained: float, z: float = 3.0, predicted:
     return Candidate(
         refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
         settled=given.get("settled", True), plausible=given.get("plausible", True),
-        coincidence=given.get("coincidence", 1.0),
+        coincidence=given.get("coincidence", 1.0), like_noise=given.get("like_noise", False),
     )  # fmt: skip
 
 
@@ -43,6 +44,7 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 6289, 0.991, z=23), found("b", 6102, 0.963, z=98)], "ambiguous", ["a", "b"]),  # seed 1786
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
+        ([found("a", 100, 0.60, z=9, like_noise=True), found("b", 96, 0.55, z=9)], "ambiguous", ["a", "b"]),  # noise
         ([found("a", 100, 0.40)], "unexplained", []),
         ([found("a", 5, 0.95)], "unexplained", []),  # too little evidence
         ([found("a", 100, 0.95, predicted=2)], "unexplained", []),  # does not predict what it has not seen
@@ -69,32 +71,34 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     leaving = found("c", 1938, 0.94, z=70)  # seed 1945: buckling passed for a stiffening
     assert not stands([leaving]) and stands([found("c", 1938, 0.96, z=70)])
     assert not stands([leaving, found("d", 200, 0.42, z=42)])
+    assert stands([found("e", 100, 0.7, z=70, like_noise=True)])  # what it leaves neighbours share in all frames
 
 
 @pytest.mark.parametrize(
-    ("left", "motion", "seen", "little"),
+    ("left", "motion", "seen", "beside", "little"),
     [
-        (0.3, 5.0, False, True),  # in units of the noise
-        (0.5, 5.0, True, True),  # a cause that explains it may be named; without one, nothing is said to be wrong
-        (0.7, 5.0, True, False),
-        (1.2, 100.0, True, True),  # little of a large motion, which the simulation has not to better than that
-        (0.7, 200.0, False, True),
-        (3.0, 100.0, True, False),
+        (0.05, 5.0, False, False, True),  # in units of the noise
+        (0.3, 5.0, True, False, True),  # beside a cause that explains most it may be that one's shadow
+        (0.5, 5.0, True, True, True),  # a cause that explains it may be named; without one, nothing is said to be wrong
+        (0.7, 5.0, True, True, False),
+        (1.2, 100.0, True, True, True),  # little of a large motion, which the simulation has not to better than that
+        (0.7, 200.0, False, False, True),
+        (3.0, 100.0, True, True, False),
     ],
 )
-def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, little):
+def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, beside, little):
     all_seen = SimpleNamespace(seen=np.ones((2, 3), bool))
     y = np.full((2, 3, 3), motion)
     scene = SimpleNamespace(target=all_seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
-    found = Left(scene=scene, excess=left, noise=1.0)
-    assert (found.visible, found.faint) == (seen, little)
+    found = Left(scene=scene, excess=left, noise=1.0, even=0.0)
+    assert (found.visible, replace(found, shadow=True).visible, found.faint) == (seen, beside, little)
 
 
 def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
     """Of a variance of which neighbours share 60 %, they show 40 %: sqrt(0.6 / 0.4) of it is left beside it."""
-    shared = Left(scene=None, excess=np.sqrt(0.6 / 0.4), noise=1.0)
-    assert shared.like_noise(0.6) and not shared.like_noise(0.3)
-    assert not shared.like_noise(0.0)  # it stays as it is, or there are too few frames to see
+    shared = Left(scene=None, excess=np.sqrt(0.6 / 0.4), noise=1.0, even=0.6)
+    assert shared.like_noise and not replace(shared, even=0.3).like_noise
+    assert not replace(shared, even=0.0).like_noise  # it stays as it is, or there are too few frames to see
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0])

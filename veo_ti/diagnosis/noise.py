@@ -50,10 +50,11 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
 
 
 def evenness(scene: Scene, modes: np.ndarray) -> float:
-    """Energy of the residual's smooth modes (N, S) in the quietest tenth of the training frames, over the mean.
+    """Energy of the residual's smooth modes (N, S), beyond that of white noise, in the quietest tenth of the training
+    frames, over the mean.
 
     Noise that neighbours share goes on in every frame, whatever the load; physics that is missing follows the load, or
-    stays, which counts as zero.
+    stays, which counts as zero. Without a known sigma nothing counts as white.
     """
     frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
     frames = frames[frames > 0]  # the reference is taken as it was seen
@@ -63,7 +64,8 @@ def evenness(scene: Scene, modes: np.ndarray) -> float:
     energy = (projected**2).sum(axis=(1, 2))
     if (projected.mean(axis=0) ** 2).sum() > _LASTING * energy.mean():
         return 0.0
-    return float(np.quantile(energy, 0.1) / max(energy.mean(), 1e-300))
+    beyond = energy - 3 * _white(scene.target.sigma or 0.0, modes, scene.target.seen[frames]).sum(axis=1)
+    return max(float(np.quantile(beyond, 0.1) / max(beyond.mean(), 1e-300)), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +135,7 @@ def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarra
     seen = scene.target.seen[frames] & ~stray[frames]
     r = np.where(seen[..., None], scene.residual[frames], 0.0)
     projected = np.einsum("ns,tnc->tsc", modes, r)
-    white = sigma**2 * np.einsum("ns,tn->ts", modes**2, seen.astype(float))  # expected square of a coordinate
+    white = _white(sigma, modes, seen)
     rough = projected[1:-1] - (projected[:-2] + projected[2:]) / 2  # the middle against its neighbours in time
     ratio = np.median((rough**2).sum(axis=2), axis=0) / (
         1.5 * white[1:-1].mean(axis=0) * 2.366
@@ -145,6 +147,11 @@ def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarra
         expected = 3 * (white[first[1:]] + white[first[:-1]])
         found.append(float(np.quantile((change**2).sum(axis=(1, 2)) / expected.sum(axis=1), 0.25)))
     return max(found)
+
+
+def _white(sigma: float, modes: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Expected square (T, S) [m2] of a coordinate of white noise in modes (N, S), where points are seen (T, N)."""
+    return sigma**2 * np.einsum("ns,tn->ts", modes**2, seen.astype(float))
 
 
 def _ends_of_rests(load: np.ndarray) -> np.ndarray:

@@ -48,14 +48,13 @@ class Round:
 
 def look(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
-    even: float = 0.0, shadow: bool = False,
+    shadow: bool = False,
 ) -> Round:  # fmt: skip
     """Look for a cause beside what `current` holds: nothing, or a cause whose parameters then stay free.
 
-    floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; even: how
-    evenly what is wrong goes on, as noise does; shadow: whether `current` explains most already, so that what is left
-    may be its own shadow: only a cause that explains nearly all of it is then named, and, unless it is clear that
-    something is left, one that little can imitate.
+    floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; shadow: whether
+    `current` explains most already, so that what is left may be its own shadow: only a cause that explains nearly all
+    of it is then named, and, unless it is clear that something is left, one that little can imitate.
     """
     taken = current.taken_in()
     say("fingerprints of all causes")
@@ -64,10 +63,10 @@ def look(
     quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
     if misfit.z < MISFIT:
         return quiet
-    left = Left.by(taken, model.s2, modes)
+    left = Left.by(taken, model.s2, modes, shadow=shadow)
     if not left.visible:
         return quiet
-    if left.like_noise(even):
+    if left.like_noise:
         return replace(quiet, verdict=nothing(even=True))
     leaders, others = leaders_of(scores, SURVIVES if shadow and misfit.z < CLEAR else TESTABLE)
     tried, s2 = refitted(leaders, current, model, floor, modes, say)
@@ -114,7 +113,7 @@ def _candidates(
 
 def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
-    left = statistics_of(result, model, modes).misfit()
+    left, more = statistics_of(result, model, modes).misfit(), Left.by(result.taken_in(), s2, modes)
     with_it, without = result.tuned(model, s2), current.tuned(model, s2)
     predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
     gained = with_it.evidence(s2) - without.evidence(s2)
@@ -123,5 +122,5 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
-        coincidence=result.cause.coincidence(result.scene, result.theta),
+        coincidence=result.cause.coincidence(result.scene, result.theta), like_noise=more.like_noise,
     )  # fmt: skip

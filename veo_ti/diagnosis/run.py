@@ -13,7 +13,7 @@ from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.leaders import WORTH, Progress, counted
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import Noise, evenness, measure_noise
+from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, with_more
@@ -88,8 +88,7 @@ def diagnose(
         prior = found.refit.prior[: len(found.refit.coefficients)]
         return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
 
-    even = evenness(scene, modes)  # judged as identified, before noise counts as fewer data
-    first = look(baseline, model, noise.variance, modes, open_causes, say, even=even)
+    first = look(baseline, model, noise.variance, modes, open_causes, say)
 
     def again(more: Sequence[Refit]) -> Round:
         return with_more(first, more, baseline, model, noise.variance, modes)
@@ -122,11 +121,8 @@ def _rounds(
     if kind == "named" and stands(found):
         others = [cause for cause in causes if cause.name != found[0].name]
         model, floor = narrower(found[0])
-        if (
-            not others
-            or found[0].misfit.z < MISFIT
-            or not Left.by(found[0].refit.taken_in(), model.s2, modes).visible
-        ):
+        left = Left.by(found[0].refit.taken_in(), model.s2, modes, shadow=True)
+        if not others or found[0].misfit.z < MISFIT or not left.visible:
             return [first]
         return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):

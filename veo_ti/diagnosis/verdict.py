@@ -36,6 +36,7 @@ class Candidate:
     plausible: bool  # sign and size are what physics allows
     settled: bool  # the refit came to an end, or near enough to it to be compared
     coincidence: float = 1.0  # how often another cause would obey the law of its parameters as nearly
+    like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
 
     @property
     def promised(self) -> float:
@@ -107,7 +108,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
         return unexplained(accepted[:1])
     best = accepted[0]
     near = rivals(best, able)
-    if near and best.explained < TOGETHER:
+    if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
     told = [c for c in (best, *near) if c.coincidence < CHANCE and c.settled and c.explained > TOGETHER]
     if near and len(told) != 1:
@@ -136,6 +137,8 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named."""
+    if causes[-1].like_noise:
+        return True
     may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)
     return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
 

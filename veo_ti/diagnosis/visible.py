@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from veo_ti.diagnosis.model import Refit
-from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.noise import evenness, measure_noise
 from veo_ti.diagnosis.scene import Scene
 
-_VISIBLE = 0.35  # of the noise, and
+_VISIBLE, _BESIDE = 0.1, 0.35  # of the noise, alone and beside a cause that explains most; and
 _SHARE = 0.004  # of the motion: root mean square below which the simulation's own error is as large
 _FAINT = 0.6, 0.015  # of the noise and of the motion: no more than that, it takes a cause to be said to be wrong
 _SHARED = 3.0  # times the evenness, of the noise between neighbours, that the noise they share may add at most
@@ -21,35 +21,42 @@ class Left:
     scene: Scene
     excess: float  # root mean square per coordinate [m] beyond noise
     noise: float  # as neighbours show it, likewise
+    even: float  # how evenly it goes on, as noise does
+    shadow: bool = False  # whether it may be that of a cause that explains most
 
     @classmethod
-    def by(cls, current: Refit, s2: float, modes: np.ndarray) -> "Left":
+    def by(cls, current: Refit, s2: float, modes: np.ndarray, *, shadow: bool = False) -> "Left":
         """By a refit, which has used as many parameters as it does at the variance s2 [m2]."""
         scene, seen = current.scene, current.scene.target.seen & current.scene.train[:, None]
         square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
             3 * seen.sum() - current.used(s2)
         )
-        noise = measure_noise(scene, modes).local
-        return cls(scene=scene, excess=float(np.sqrt(max(square - noise**2, 0.0))), noise=noise)
+        noise, even = measure_noise(scene, modes).local, evenness(current.left, modes)
+        excess = float(np.sqrt(max(square - noise**2, 0.0)))
+        return cls(scene=scene, excess=excess, noise=noise, even=even, shadow=shadow)
 
     @property
     def visible(self) -> bool:
         """Whether it is more than the simulation's own error may be."""
-        return self.excess > least_visible(self.scene, self.noise)
+        return self.excess > least_visible(self.scene, self.noise, shadow=self.shadow)
 
     @property
     def faint(self) -> bool:
         """Whether it is so little more that the simulation may be to blame, unless a cause explains it."""
         return self.excess < max(_FAINT[0] * self.noise, _FAINT[1] * _motion(self.scene))
 
-    def like_noise(self, even: float) -> bool:
+    @property
+    def like_noise(self) -> bool:
         """Whether it is no larger than noise that neighbours share may be, by how evenly it goes on."""
-        return self.excess < _SHARED * even * self.noise
+        return self.excess < _SHARED * self.even * self.noise
 
 
-def least_visible(scene: Scene, sigma: float) -> float:
-    """The root mean square of an effect [m], per coordinate, below which the simulation's own error is as large."""
-    return max(_VISIBLE * sigma, _SHARE * _motion(scene))
+def least_visible(scene: Scene, sigma: float, *, shadow: bool = False) -> float:
+    """The root mean square of an effect [m], per coordinate, below which the simulation's own error is as large.
+
+    shadow: beside a cause that explains most, and that has not quite the shape it is given.
+    """
+    return max((_BESIDE if shadow else _VISIBLE) * sigma, _SHARE * _motion(scene))
 
 
 def _motion(scene: Scene) -> float:
