@@ -43,6 +43,7 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
         ([found("a", 6289, 0.991, z=23), found("b", 6102, 0.963, z=98)], "ambiguous", ["a", "b"]),  # seed 1786
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
+        ([found("a", 300, 0.95, z=54), found("b", 305, 0.0, z=836, settled=False, short=305)], "ambiguous", ["a", "b"]),
         ([found("a", 100, 0.60, z=9), found("b", 96, 0.55, z=9)], "unexplained", []),
         ([found("a", 100, 0.60, z=9, like_noise=True), found("b", 96, 0.55, z=9)], "ambiguous", ["a", "b"]),  # noise
         ([found("a", 100, 0.40)], "unexplained", []),

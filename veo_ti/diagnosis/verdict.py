@@ -64,10 +64,11 @@ class Verdict:
 
 
 def _rejected(rival: Candidate, best: Candidate) -> bool:
-    """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other."""
+    """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, whose
+    refit came to an end: of one that stopped on its way, nobody knows what it would leave."""
     left, other = 1 - best.explained, 1 - rival.explained
     clean = best.misfit.z < MISFIT or left < LEFT
-    return clean and rival.misfit.z > 2 * MISFIT and other > MORE * left
+    return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > MORE * left
 
 
 def _margin(best: Candidate) -> float:
