@@ -40,7 +40,7 @@ check: $(VENV)/.ready-test
 	$(IN_HERE) $(BIN)/python -m pytest
 
 notebooks: $(VENV)/.ready-test
-	$(IN_HERE) if ls notebooks/*.ipynb >/dev/null 2>&1; then PYTHONWARNINGS= $(BIN)/python -m pytest --nbmake notebooks; fi
+	$(IN_HERE) if ls notebooks/*.ipynb >/dev/null 2>&1; then PYTHONWARNINGS= $(BIN)/python -m pytest --nbmake --nbmake-timeout=900 notebooks; fi
 
 bench: $(VENV)/.ready-test
 	$(IN_HERE) $(BIN)/python -m benchmarks
