@@ -63,7 +63,7 @@ def look(
     quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
     if misfit.z < MISFIT:
         return quiet
-    left = Left.by(taken, model.s2, modes, shadow=shadow)
+    left = Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=shadow)
     if not left.visible:
         return quiet
     if left.like_noise:
@@ -106,14 +106,18 @@ def _candidates(
     tried: Sequence[Refit], current: Refit, model: Model, floor: float, s2: float, modes: np.ndarray
 ) -> list[Candidate]:
     """All weighed at the noise that the best of them leaves, best first."""
-    model = replace(model, s2=min([floor, *(measure_noise(r.taken_in().scene, modes).variance for r in tried)]))
+    each = [measure_noise(r.taken_in().scene, modes) for r in tried]
+    model = replace(model, s2=min([floor, *(noise.variance for noise in each)]))
     before = statistics_of(current, model, modes).misfit()
-    return sorted((_candidate(r, current, model, s2, modes, before) for r in tried), key=lambda c: -c.gained)
+    found = [_candidate(r, current, model, s2, n.local, modes, before) for r, n in zip(tried, each, strict=True)]
+    return sorted(found, key=lambda c: -c.gained)
 
 
-def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np.ndarray, before: Misfit) -> Candidate:
+def _candidate(
+    result: Refit, current: Refit, model: Model, s2: float, noise: float, modes: np.ndarray, before: Misfit
+) -> Candidate:  # fmt: skip
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
-    left, more = statistics_of(result, model, modes).misfit(), Left.by(result.taken_in(), s2, modes)
+    left = statistics_of(result, model, modes).misfit()
     with_it, without = result.tuned(model, s2), current.tuned(model, s2)
     predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
     gained = with_it.evidence(s2) - without.evidence(s2)
@@ -122,5 +126,6 @@ def _candidate(result: Refit, current: Refit, model: Model, s2: float, modes: np
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
-        coincidence=result.cause.coincidence(result.scene, result.theta), like_noise=more.like_noise,
+        coincidence=result.cause.coincidence(result.scene, result.theta),
+        like_noise=Left.by(result.taken_in(), s2, noise, modes).like_noise,
     )  # fmt: skip

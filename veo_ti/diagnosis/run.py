@@ -121,8 +121,10 @@ def _rounds(
     if kind == "named" and stands(found):
         others = [cause for cause in causes if cause.name != found[0].name]
         model, floor = narrower(found[0])
-        left = Left.by(found[0].refit.taken_in(), model.s2, modes, shadow=True)
-        if not others or found[0].misfit.z < MISFIT or not left.visible:
+        if not others or found[0].misfit.z < MISFIT:
+            return [first]
+        taken = found[0].refit.taken_in()
+        if not Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=True).visible:
             return [first]
         return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):

@@ -137,7 +137,8 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 
 
 def stands(causes: Sequence[Candidate]) -> bool:
-    """Whether the causes named one after the other explain enough together for any of them to be named."""
+    """Whether the causes named one after the other explain enough together for any of them to be named: all but noise
+    that neighbours share, or nearly all."""
     if causes[-1].like_noise:
         return True
     may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)

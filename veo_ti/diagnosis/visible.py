@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from veo_ti.diagnosis.model import Refit
-from veo_ti.diagnosis.noise import evenness, measure_noise
+from veo_ti.diagnosis.noise import evenness
 from veo_ti.diagnosis.scene import Scene
 
 _VISIBLE, _BESIDE = 0.1, 0.35  # of the noise, alone and beside a cause that explains most; and
@@ -25,15 +25,15 @@ class Left:
     shadow: bool = False  # whether it may be that of a cause that explains most
 
     @classmethod
-    def by(cls, current: Refit, s2: float, modes: np.ndarray, *, shadow: bool = False) -> "Left":
-        """By a refit, which has used as many parameters as it does at the variance s2 [m2]."""
+    def by(cls, current: Refit, s2: float, noise: float, modes: np.ndarray, *, shadow: bool = False) -> "Left":
+        """By a refit, which has used as many parameters as it does at the variance s2 [m2]; noise: as neighbours show
+        it."""
         scene, seen = current.scene, current.scene.target.seen & current.scene.train[:, None]
         square = ((scene.target.residual(current.shown) ** 2).sum(axis=2) * seen).sum() / (
             3 * seen.sum() - current.used(s2)
         )
-        noise, even = measure_noise(scene, modes).local, evenness(current.left, modes)
         excess = float(np.sqrt(max(square - noise**2, 0.0)))
-        return cls(scene=scene, excess=excess, noise=noise, even=even, shadow=shadow)
+        return cls(scene=scene, excess=excess, noise=noise, even=evenness(current.left, modes), shadow=shadow)
 
     @property
     def visible(self) -> bool:
