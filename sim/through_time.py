@@ -30,7 +30,7 @@ class Settled:
 
 def settle(
     remembered: Remembered, start: np.ndarray, layout: Layout, *, factors: DirectFactors | None = None,
-    options: NewtonOptions | None = None, still: float = 0.0,
+    options: NewtonOptions | None = None, still: float = 0.0, stalled: float = 0.0,
 ) -> Settled:  # fmt: skip
     """The motion that is in equilibrium with what it lets itself remember, from `start` (T, N, 3) [m].
 
@@ -40,7 +40,8 @@ def settle(
     the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
     serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
     not be told). Where no step along the direction leaves less, or a tangent is not positive definite (what it leads to
-    may be no minimum), the motion so far is returned, and the status of its frames says so.
+    may be no minimum), the motion so far is returned, and the status of its frames says so. Not where the step would be
+    smaller than `stalled` [m]: strains that take turns in being remembered leave no smaller ones.
     """
     options = options or NewtonOptions()
     here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
@@ -57,7 +58,7 @@ def settle(
             here, ending = there or here, Status.CONVERGED
             break
         if there is None and fresh:
-            ending = Status.LINE_SEARCH
+            ending = Status.CONVERGED if _size(direction) < stalled else Status.LINE_SEARCH
             break
         if fresh:
             expected = max(left, _KEEPS)

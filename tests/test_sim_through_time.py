@@ -9,7 +9,7 @@ import sim_cases
 
 from sim.cloud import RestCloud
 from sim.energy import Energy
-from sim.laws.history import viscous
+from sim.laws.history import Memory, green_strain, largest, viscous
 from sim.linear import Layout
 from sim.newton import NewtonOptions, Status, equilibrate
 from sim.recollection import Passing, Recollection
@@ -26,14 +26,21 @@ def elastic():
     return sim_cases.elastic()
 
 
-def remembering(energy: Energy, share: float) -> Callable:
-    """What `settle` asks, for a material with a viscous strain that is behind by about a frame."""
+def behind(F: np.ndarray) -> Memory:
+    """A viscous strain that is behind by about a frame."""
+    return viscous(TIME, 1.3)
+
+
+def remembering(
+    energy: Energy, share: float, memory: Callable[[np.ndarray], Memory] = behind, elastic: float = 1.0
+) -> Callable:  # fmt: skip
+    """What `settle` asks, for a material with such a memory of its deformation gradients."""
     stencil, mu = energy.elastic.stencil, share * energy.elastic.m[:, 0]
 
     def remembered(y: np.ndarray) -> tuple[Energy, Callable[[], Sequence[Past]]]:
         F = energy.elastic.cloud.deformation_gradient(y)
-        what = Recollection(stencil=stencil, memory=viscous(TIME, 1.3), y=y, F=F)
-        terms = (*energy.terms, *what.terms(mu, elastic=1.0))
+        what = Recollection(stencil=stencil, memory=memory(F), y=y, F=F)
+        terms = (*energy.terms, *what.terms(mu, elastic=elastic))
         return replace(energy, terms=terms), lambda: (Passing(what, mu),)
 
     return remembered
@@ -95,3 +102,20 @@ def test_an_unstable_state_is_not_taken_for_an_equilibrium(elastic):
     start[:, :, 0] *= 0.4
     found = settle(remembering(energy, 0.1), start, Layout.of(elastic), options=TIGHT).equilibrium
     assert not found.converged and Status.LINE_SEARCH in found.status
+
+
+def test_strains_that_take_turns_are_followed_as_far_as_asked(elastic):
+    """Loads as strong from three sides: which strain is the largest turns with the smallest step. What is returned then
+    moves by less than asked when every frame is solved with what it remembers held fixed."""
+    pulls = 0.02 * np.array([[0, 0, 0], [1, 0, 0], [0, 0.87, 0], [0, 0, 0.95], [1.02, 0, 0], [-0.5, 0.92, 0]])
+    energy, layout = sim_cases.clamped(elastic, pulls), Layout.of(elastic)
+    ask = remembering(energy, 0.45, lambda F: largest(green_strain(F)), elastic=0.0)
+    start = sim_cases.at_rest(elastic.cloud, len(TIME))
+    stuck = settle(ask, start, layout, options=TIGHT).equilibrium
+    assert not stuck.converged
+    moved = np.sqrt(((stuck.y - start) ** 2).mean())
+    found = settle(ask, start, layout, options=TIGHT, stalled=5e-3 * moved).equilibrium
+    held = equilibrate(ask(found.y)[0], found.y, options=TIGHT).require_converged()
+    assert found.converged
+    assert np.sqrt(((held.y - found.y) ** 2).mean()) < 5e-3 * moved
+    assert not settle(ask, start, layout, options=TIGHT, stalled=1e-6 * moved).equilibrium.converged

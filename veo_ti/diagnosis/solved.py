@@ -74,7 +74,7 @@ def _through_time(
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
     layout = problem.solver.layout
-    settled = settle(remembered, scene.y, layout, factors=factors, options=NEWTON, still=_NEAR * still)
+    settled = settle(remembered, scene.y, layout, factors=factors, options=NEWTON, still=_NEAR * still, stalled=still)
     reached = settled.equilibrium
     return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
 
