@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from veo_ti.diagnosis import leaders
-from veo_ti.diagnosis.leaders import leaders_of
+from veo_ti.diagnosis.leaders import leaders_of, look_alikes
 
 
 def scores(*given: tuple[str, float, float]) -> list[SimpleNamespace]:
@@ -30,6 +30,16 @@ def test_what_the_nuisances_imitate_or_no_evidence_speaks_for_is_not_refitted():
 def test_at_most_three_wait():
     others = leaders_of(scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg")), 0.05)[1]
     assert names(others) == "cde"
+
+
+def test_what_can_do_most_of_what_the_best_one_does_is_refitted_too():
+    """Unless it was, the nuisances imitate it, or no evidence speaks for it."""
+    every = scores(("a", 100, 1), ("b", 70, 1), ("c", 20, 1), ("d", 15, 0.04), ("e", 1, 1), ("f", 50, 1))
+    likeness = {"b": 0.9, "c": 0.8, "d": 0.9, "e": 0.9, "f": 0.5}
+    statistics = SimpleNamespace(likeness=lambda one, other: likeness[other.name] if one.name == "a" else 0.0)
+    assert names(look_alikes("a", statistics, every, 0.05, ["a", "b"])) == "c"
+    assert names(look_alikes("a", statistics, every, 0.05, ["a"])) == "bc"
+    assert not look_alikes("b", statistics, every, 0.05, ["a", "b"])
 
 
 @pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])

@@ -191,6 +191,28 @@ def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone
     assert [r.verdict.causes[0].name for r in said] == names
 
 
+def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkeypatch):
+    """`a` and `x` explain most alone, and `a` with `b` nearly all; but `c`, which nobody tried beside them, with `b`
+    all of it."""
+    first, better = pair("a", "b", 200, leaves=0.002), pair("b", "c", 400, leaves=0.001)
+    b = replace(better.first, explained=0.7)
+    starts = [replace(first.first, explained=0.9), replace(pair("x", "y", 10).first, explained=0.88)]
+    left = Misfit(energy=0.0, mean=0.0, sd=1.0)
+    alone = Round(misfit=left, scores=(), candidates=(*starts, b), verdict=unexplained(()), s2=1.0)
+    seconds, asked = {"a": (first.second,), "x": (), "b": (better.second,)}, []
+
+    def look(current, *given, **more):
+        asked.append(current.cause.name)
+        return replace(alone, candidates=seconds[current.cause.name])
+
+    monkeypatch.setattr(pairs, "look", look)
+    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
+    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
+    said = pairs.two_at_once(alone, lambda c: (None, 1.0), None, [b], str, None)
+    assert asked == ["a", "x", "b"]
+    assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
+
+
 def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # noqa: F811
     wrong, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
     elsewhere, force = list(HiddenForce().places(filmed))[9], np.array(FORCE)

@@ -15,11 +15,12 @@ from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.placing import better_place
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.score import Score, scores_of
+from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
+_ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
 _CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
 _LOOKS = 4  # at most that a cause gets, each; and
 _LOST = 1.5  # times the variance, which a look may leave instead and count; and
@@ -48,6 +49,16 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     first = [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
     others = [s for s in able if s not in first and s.log_bayes >= _FURTHER * able[0].log_bayes]
     return first, others[:_COUNT]
+
+
+def look_alikes(
+    name: str, statistics: Statistics, scores: Sequence[Score], keep: float, tried: Sequence[str]
+) -> list[Score]:
+    """Those not tried yet that can do most of what the cause of that name does: of a large effect either may be the
+    better one, whatever the score says. A jet that is turned about its nozzle is shifted at first."""
+    best = next(s for s in scores if s.name == name)
+    able = [s for s in scores if s.name not in tried and s.keep > keep and s.log_bayes > _LEAST]
+    return [s for s in able if statistics.likeness(best, s) > _ALIKE]
 
 
 def refitted(

@@ -56,19 +56,19 @@ def two_at_once(
 
     alone: a round that named none; narrower(candidate): model and floor once that cause is part of it; again(refits):
     the round with further refits. Where a first cause only had to move, and beside it the second adds nothing, that
-    round names it alone. A second cause
-    is looked for beside each of the two that explain most, at least half, and beside those that explain nearly as much;
-    both are refitted together. Beside one that explains nearly all it may be a shadow, and has to be as sure as one
-    beside a named cause. Where all pairs that come near have one cause in common, that one is named and the second
-    round is ambiguous.
+    round names it alone. A second cause is looked for beside each of the two that explain most, at least half, and
+    beside those that explain nearly as much; both are refitted together. Then beside the second ones of the best pairs:
+    the first one may only imitate what goes with them. Beside one that explains nearly all it may be a shadow, and has
+    to be as sure as one beside a named cause. Where all pairs that come near have one cause in common, that one is
+    named and the second round is ambiguous.
     """
-    starts = [
+    able = [
         c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
     ]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
-    starts = sorted(starts, key=lambda c: -c.explained)[: _MOST if causes else 0]
-    for start in [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]:
+
+    def beside(start: Candidate) -> None:
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
         others = [c for c in causes if c.name != start.name]
@@ -80,6 +80,13 @@ def two_at_once(
                 pairs.append(pair)
             else:
                 lone.append(first)
+
+    starts = sorted(able, key=lambda c: -c.explained)[: _MOST if causes else 0]
+    starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
+    for start in starts:
+        beside(start)
+    for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(pairs)}]:
+        beside(partner)
     single = again(lone) if lone else alone
     if single.verdict.kind == "named" and stands(single.verdict.causes):
         return (single,)

@@ -7,7 +7,7 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
-from veo_ti.diagnosis.leaders import Progress, leaders_of, refitted
+from veo_ti.diagnosis.leaders import Progress, leaders_of, look_alikes, refitted
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
@@ -68,10 +68,14 @@ def look(
         return quiet
     if left.like_noise:
         return replace(quiet, verdict=nothing(even=True))
-    leaders, others = leaders_of(scores, SURVIVES if shadow and misfit.z < CLEAR else TESTABLE)
+    keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
+    leaders, others = leaders_of(scores, keep)
     tried, s2 = refitted(leaders, current, model, floor, modes, say)
     candidates = _candidates(tried, current, model, floor, s2, modes)
-    if current.cause is None and others and not any(c.plausible and stands([c]) for c in candidates):
+    standing = [c.name for c in candidates if c.plausible and stands([c])]
+    if standing:
+        others = look_alikes(standing[0], statistics, scores, keep, [c.name for c in candidates])
+    if others and (standing or current.cause is None):
         more, least = refitted(others, current, model, floor, modes, say)
         tried, s2 = [*tried, *more], min(s2, least)
         candidates = _candidates(tried, current, model, floor, s2, modes)

@@ -49,6 +49,17 @@ class Statistics:
         """|column|^2 / s2: what would be left if no nuisance took any of it."""
         return np.diagonal(self.moments.normal.A)[columns] / self.s2
 
+    def likeness(self, one: "Score", other: "Score") -> float:
+        """Share of what `one` does beyond the nuisances, to first order, that `other` can do; both of these statistics.
+
+        `w^T V_wo V_oo^-1 V_ow w / w^T V_ww w` at one's parameters w.
+        """
+        V = self.inner(other.columns, other.columns)
+        units = 1 / np.sqrt(np.maximum(np.diagonal(V), 1e-300))
+        done = units * (self.inner(other.columns, one.columns) @ one.theta)
+        whole = one.theta @ self.inner(one.columns, one.columns) @ one.theta
+        return float(done @ np.linalg.pinv(units[:, None] * V * units, hermitian=True) @ done / max(whole, 1e-300))
+
     @property
     def smooth(self) -> slice:
         """The columns of the smooth modes."""
@@ -108,6 +119,7 @@ class Score:
     keep: float  # share of the fingerprint that the nuisances cannot imitate
     detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
     nuisances: np.ndarray  # (n,) the most probable ones beside theta
+    columns: np.ndarray  # (d,) of its directions in the statistics it was made by
 
     @property
     def name(self) -> str:
@@ -134,7 +146,7 @@ def score(
     return Score(
         cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
         log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
-        nuisances=statistics.joint(columns[best], widths)[: statistics.moments.nuisances],
+        nuisances=statistics.joint(columns[best], widths)[: statistics.moments.nuisances], columns=columns[best],
     )  # fmt: skip
 
 
