@@ -8,8 +8,8 @@ from veo_ti.diagnosis import leaders
 from veo_ti.diagnosis.leaders import leaders_of, look_alikes
 
 
-def scores(*given: tuple[str, float, float]) -> list[SimpleNamespace]:
-    return [SimpleNamespace(name=name, log_bayes=nats, keep=keep) for name, nats, keep in given]
+def scores(*given: tuple[str, float, float], explained: float = 1.0) -> list[SimpleNamespace]:
+    return [SimpleNamespace(name=name, log_bayes=nats, keep=keep, explained=explained) for name, nats, keep in given]
 
 
 def names(found: list[SimpleNamespace]) -> str:
@@ -25,6 +25,12 @@ def test_what_the_nuisances_imitate_or_no_evidence_speaks_for_is_not_refitted():
     first, others = leaders_of(scores(("a", 100, 0.04), ("b", 1.4, 1), ("c", 90, 0.06)), 0.05)
     assert names(first) == "c" and not others
     assert leaders_of([], 0.05) == ([], [])
+
+
+def test_what_promises_to_explain_hardly_anything_is_not_refitted():
+    """However sure it is: the best of those that promise enough leads."""
+    first, others = leaders_of([*scores(("a", 500, 1), explained=0.2), *scores(("b", 100, 1), explained=0.3)], 0.05)
+    assert names(first) == "b" and not others
 
 
 def test_at_most_three_wait():

@@ -120,6 +120,14 @@ def test_scored_cause_says_what_would_have_been_seen(sound):
     assert 1e-5 < scale["parameters"][0]["smallest_detectable"] < 0.1  # 0.1 mm of noise on 20 mm of motion
 
 
+def test_a_score_promises_what_the_refit_then_explains(pulled):
+    found = facts(pulled)
+    promised = {c["name"]: c["promised"] for c in found["ranking"]}
+    for refitted in found["rounds"][0]["refitted"]:
+        assert promised[refitted["name"]] == pytest.approx(refitted["explained"], abs=0.1)
+    assert promised["strain_stiffening"] < 0.3 < promised["hidden_force"] and promised["gravity_direction"] is None
+
+
 def test_nothing_wrong_is_said_with_the_noise(sound):
     found = facts(sound)
     assert (found["verdict"], found["causes"]) == ("no_misfit", [])

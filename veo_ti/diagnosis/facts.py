@@ -103,7 +103,7 @@ def _round(found: Round) -> dict[str, object]:
 def _ranking(diagnosis: Diagnosis) -> list[dict[str, object]]:
     """Every cause of the catalogue: those that were scored, best first, then those that could not be."""
     scored = [_scored(diagnosis, score) for score in diagnosis.rounds[0].scores]
-    nothing = {"log_bayes": None, "statistic": None, "keep": None, "place": "", "parameters": []}
+    nothing = dict.fromkeys(("log_bayes", "statistic", "keep", "promised")) | {"place": "", "parameters": []}
     return scored + [
         {"name": name, **nothing, "testable": False, "why_not": reason} for name, reason in diagnosis.untestable.items()
     ]
@@ -115,7 +115,8 @@ def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
     smallest = [{**value, "smallest_detectable": _plain(d)} for value, d in zip(values, score.detectable, strict=True)]
     return {
         "name": score.name, "log_bayes": _plain(score.log_bayes), "statistic": _plain(score.statistic),
-        "keep": _plain(score.keep), "place": score.cause.describe(diagnosis.baseline.scene, score.place),
+        "keep": _plain(score.keep), "promised": _plain(score.explained),
+        "place": score.cause.describe(diagnosis.baseline.scene, score.place),
         "parameters": smallest, "testable": why_not is None, "why_not": why_not,
     }  # fmt: skip
 

@@ -17,7 +17,8 @@ from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
-_LEAST = 1.5  # nats that a score must reach for a refit
+_LEAST = 1.5  # nats that a score must reach for a refit, and
+_PROMISING = 0.25  # share of the misfit to first order; a refit seldom explains much more (docs/diagnosis.md)
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
@@ -44,8 +45,9 @@ def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
 
 def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[Score]]:
     """Those worth a refit: the best and others that come near, and those that are next where none of these explains
-    enough. A score says little about a large effect. None of which the nuisances leave no more than keep."""
-    able = [s for s in scores if s.keep > keep and s.log_bayes > _LEAST]
+    enough. A score says little about a large effect. None of which the nuisances leave no more than keep, or that does
+    not promise to explain a fair share."""
+    able = [s for s in scores if s.keep > keep and s.log_bayes > _LEAST and s.explained > _PROMISING]
     first = [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
     others = [s for s in able if s not in first and s.log_bayes >= _FURTHER * able[0].log_bayes]
     return first, others[:_COUNT]

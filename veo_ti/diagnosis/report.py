@@ -66,14 +66,18 @@ def _named(found: Mapping) -> list[Section]:
 def _evidence(found: Mapping, pictures: Mapping[str, Path]) -> Section:
     refitted = {c["name"]: c for c in found["rounds"][0]["refitted"]}
     rows = [
-        [words(c["name"]), c["log_bayes"], f"{c['keep']:.0%}", *_refit_cells(refitted.get(c["name"])), _first(c)]
+        [
+            words(c["name"]), c["log_bayes"], f"{c['keep']:.0%}", f"{c['promised']:.0%}",
+            *_refit_cells(refitted.get(c["name"])), _first(c),
+        ]
         for c in found["ranking"] if c["log_bayes"] is not None
     ]  # fmt: skip
-    columns = ["cause", "log Bayes factor", "survives", "after refit", "explains", "first-order size"]
+    columns = ["cause", "log Bayes factor", "survives", "promises", "after refit", "explains", "first-order size"]
     text = (
         "Evidence for (right) and against (left) each cause, in nats: three are worth mentioning, six are strong. "
-        "'Survives' is the share of a cause's fingerprint that no change of the material can imitate; the leaders "
-        "were fitted in full together with the material."
+        "'Survives' is the share of a cause's fingerprint that no change of the material can imitate; 'promises' is "
+        "the share of what is wrong that it would explain if little were wrong; the leaders were fitted in full "
+        "together with the material."
     )
     return Section(
         heading="Evidence for and against", text=text, table=Table(columns=columns, rows=rows),

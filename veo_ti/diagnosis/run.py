@@ -12,7 +12,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.leaders import WORTH, Progress, counted
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.refit import refit
@@ -115,13 +115,13 @@ def _rounds(
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
     also tell apart those of which each leaves clear misfit.
 
-    None is looked for in what is as small as the simulation's own error.
+    None is looked for in what is as small as the simulation's own error, of the motion or of what the named cause does.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
         others = [cause for cause in causes if cause.name != found[0].name]
         model, floor = narrower(found[0])
-        if not others or found[0].misfit.z < MISFIT:
+        if not others or found[0].misfit.z < MISFIT or 1 - found[0].explained < OURS**2:
             return [first]
         taken = found[0].refit.taken_in()
         if not Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=True).visible:

@@ -67,7 +67,17 @@ class Statistics:
 
     def misfit(self) -> "Misfit":
         """Energy of the residual in the smooth modes against its expectation."""
-        return Misfit.of(self.against(self.smooth), self.inner(self.smooth, self.smooth))
+        return Misfit.of(self.against(self.smooth), self._smooth_covariance)
+
+    def explained(self, columns: np.ndarray, theta: np.ndarray) -> float:
+        """Share of the misfit's excess that directions take with them at theta (d,), to first order; 0 of nothing."""
+        left = Misfit.of(self.against(self.smooth) - self.inner(self.smooth, columns) @ theta, self._smooth_covariance)
+        whole = self.misfit().excess
+        return 1 - left.excess / whole if whole else 0.0
+
+    @cached_property
+    def _smooth_covariance(self) -> np.ndarray:
+        return self.inner(self.smooth, self.smooth)
 
     @cached_property
     def _taken(self) -> np.ndarray:
@@ -117,6 +127,7 @@ class Score:
     log_bayes: float
     statistic: float  # u^T V^-1 u at the place
     keep: float  # share of the fingerprint that the nuisances cannot imitate
+    explained: float  # share of the misfit's excess beyond noise that it takes with it, to first order
     detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
     nuisances: np.ndarray  # (n,) the most probable ones beside theta
     columns: np.ndarray  # (d,) of its directions in the statistics it was made by
@@ -128,23 +139,24 @@ class Score:
 
 
 def score(
-    statistics: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any], columns: np.ndarray, floor: float,
-    least: float,
+    statistics: Statistics, noise: Statistics, cause: Cause, widths: np.ndarray, places: Sequence[Any],
+    columns: np.ndarray, least: float,
 ) -> Score:  # fmt: skip
     """The score of one cause; columns (places, d) of its directions. The number of places is paid for.
 
-    floor: the variance of the noise [m2], and least: the norm over all data of an effect that stands out from the
-    simulation's own error [m], in which the smallest detectable size is meant.
+    noise: the statistics at the variance of the noise, and least: the norm over all data of an effect that stands out
+    from the simulation's own error [m], in which the smallest detectable size is meant.
     """
     results = [_at(statistics, cause, widths, c) for c in columns]
     evidence = np.array([r[0] for r in results])
     best = int(np.argmax(evidence))
     theta, sd, statistic, keep = results[best][1:]
-    V = np.diagonal(replace(statistics, s2=floor).inner(columns[best], columns[best]))
-    needed = max(_SURE, least / np.sqrt(floor))
+    V = np.diagonal(noise.inner(columns[best], columns[best]))
+    needed = max(_SURE, least / np.sqrt(noise.s2))
     detectable = needed / np.sqrt(np.maximum(V, 1e-300))
     return Score(
         cause=cause, place=places[best], theta=theta, sd=sd, statistic=statistic, keep=keep, detectable=detectable,
+        explained=noise.explained(columns[best], theta),
         log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
         nuisances=statistics.joint(columns[best], widths)[: statistics.moments.nuisances], columns=columns[best],
     )  # fmt: skip
@@ -188,8 +200,9 @@ def scores_of(
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=taken.prior)
     least = least_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
+    noise = replace(statistics, s2=floor)
     scores = [
-        score(statistics, cause, cause.widths(scene), places, columns + found.nuisances, floor, least)
+        score(statistics, noise, cause, cause.widths(scene), places, columns + found.nuisances, least)
         for cause, places, columns in table
     ]
     return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
