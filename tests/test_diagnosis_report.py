@@ -231,14 +231,6 @@ def test_arrows_are_drawn_with_and_without_opengl(pulled, tmp_path, monkeypatch)
     assert min(blue) > 0.002 and max(blue) < 1.5 * min(blue)
 
 
-def test_causes_lists_the_whole_catalogue(capsys):
-    assert cli.main(["causes"]) == 0
-    said = capsys.readouterr().out
-    for cause in CATALOGUE:
-        assert cause.name in said
-        assert all(f"{p.name} [{p.unit}]" in said for p in cause.parameters)
-
-
 @pytest.mark.parametrize("command", ["diagnose", "run"])
 def test_wrong_input_is_one_sentence(command, tmp_path, capsys):
     assert cli.main([command, "no_such_file.npz", "--out", str(tmp_path)]) == 2

@@ -10,6 +10,7 @@ import pytest
 from sim.lame import Lame
 from veo_ti import cli
 from veo_ti.body import sample_box
+from veo_ti.diagnosis.causes import CATALOGUE
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation
 
@@ -91,3 +92,11 @@ def test_simulation_with_every_kind_of_load_writes_its_film(folder, tmp_path):
 def test_pictures_of_an_object(folder, tmp_path):
     assert cli.main(["render", str(folder), "--out", str(tmp_path)]) == 0
     assert {"mu.png", "mu_inside.png", "lam.png", "sensitivity.png", "mu.mp4"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_causes_lists_the_whole_catalogue(capsys):
+    assert cli.main(["causes"]) == 0
+    said = capsys.readouterr().out
+    for cause in CATALOGUE:
+        assert cause.name in said
+        assert all(f"{p.name} [{p.unit}]" in said for p in cause.parameters)

@@ -138,7 +138,7 @@ def _figures(records: Records, done: Records) -> str:
         (f"the same, where each alone leaves >= {WEAK} x", _count(both, lambda r: r["outcome"] == "right")),
         ("two effects, something named that is not there", _count(two, lambda r: r["outcome"] in WRONG)),
         ("gain confirmed on held-out frames, of all named", _count(named, lambda r: r["said"]["gain_confirmed"])),
-        ("share of the misfit that a refit explains less what its score promised", _kept(done)),
+        ("share of the misfit that a refit explains less what its score promised", _promises(done)),
         ("95 % intervals that cover", _count(intervals, lambda row: row["covered"])),
         ("errors", share(len(errors), len(records))),
         ("seconds to make a trial", _seconds(r["seconds_made"] for r in done)),
@@ -148,16 +148,16 @@ def _figures(records: Records, done: Records) -> str:
     return "| figure | value |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in lines)
 
 
-def _kept(done: Records) -> str:
-    """Of the first look's refits."""
-    more = [
-        c["explained"] - r["said"]["ranking"][c["name"]].get("promised", np.nan)
+def _promises(done: Records) -> str:
+    """How the first look's refits differ from their scores; older records do not hold what those promised."""
+    told = [
+        (c["explained"], r["said"]["ranking"][c["name"]].get("promised"))
         for r in done for c in r["said"]["rounds"][0]["refitted"]
     ]  # fmt: skip
-    known = np.array([m for m in more if np.isfinite(m)])
-    if not len(known):
-        return ""
-    return "{:+.2f} to {:+.2f} in nine of ten, at most {:+.2f}".format(*np.quantile(known, (0.05, 0.95)), known.max())
+    more = np.array([explained - promised for explained, promised in told if None not in (explained, promised)])
+    if not len(more):
+        return "no refit"
+    return "{:+.2f} to {:+.2f} in nine of ten, at most {:+.2f}".format(*np.quantile(more, (0.05, 0.95)), more.max())
 
 
 def _count(rows: Sequence, test: Callable[[dict], bool]) -> str:

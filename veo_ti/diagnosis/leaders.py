@@ -18,7 +18,7 @@ from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and
-_PROMISING = 0.25  # share of the misfit to first order; a refit seldom explains much more (docs/diagnosis.md)
+_PROMISING = 0.25  # share of the misfit, to first order; docs/diagnosis.md says how much more refits explain
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
@@ -47,7 +47,7 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     """Those worth a refit: the best and others that come near, and those that are next where none of these explains
     enough. A score says little about a large effect. None of which the nuisances leave no more than keep, or that does
     not promise to explain a fair share."""
-    able = [s for s in scores if s.keep > keep and s.log_bayes > _LEAST and s.explained > _PROMISING]
+    able = [s for s in _spoken_for(scores, keep) if s.explained > _PROMISING]
     first = [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
     others = [s for s in able if s not in first and s.log_bayes >= _FURTHER * able[0].log_bayes]
     return first, others[:_COUNT]
@@ -59,8 +59,13 @@ def look_alikes(
     """Those not tried yet that can do most of what the cause of that name does: of a large effect either may be the
     better one, whatever the score says. A jet that is turned about its nozzle is shifted at first."""
     best = next(s for s in scores if s.name == name)
-    able = [s for s in scores if s.name not in tried and s.keep > keep and s.log_bayes > _LEAST]
-    return [s for s in able if statistics.likeness(best, s) > _ALIKE]
+    others = [s for s in _spoken_for(scores, keep) if s.name not in tried]
+    return [s for s in others if statistics.likeness(best, s) > _ALIKE]
+
+
+def _spoken_for(scores: Sequence[Score], keep: float) -> list[Score]:
+    """Those for which there is evidence, and of which the nuisances leave more than keep."""
+    return [s for s in scores if s.keep > keep and s.log_bayes > _LEAST]
 
 
 def refitted(
