@@ -22,8 +22,8 @@ _PROMISING = 0.25  # share of the misfit, to first order; docs/diagnosis.md says
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
-_CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
-_LOOKS = 4  # at most that a cause gets, each; and
+CLOSER = 0.9  # share of the variance that a cause must leave to be worth a second fit, and
+LOOKS = 4  # at most that a cause gets, each; and
 _LOST = 1.5  # times the variance, which a look may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
@@ -106,7 +106,7 @@ def _looked_at(
     """
     tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
-    for _ in range(_LOOKS):
+    for _ in range(LOOKS):
         least, before = min((t.left for t in tried), default=0.0), tried
         tried = [_looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
@@ -157,7 +157,7 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
     result, s2, place = tried.tuned, tried.left, tried.place
     cause, fine, more = result.cause, s2 < enough, result.evidence(s2) - tried.result.evidence(s2)
     moved = place is not result.place  # places may be arrays
-    closer = s2 < _CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
+    closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
     if not moved and not (closer and s2 < _IN_REACH * least):
         return tried
     say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")

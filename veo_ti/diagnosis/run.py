@@ -6,26 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.basis import Basis
-from sim.fit import guess_modulus
+from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.gain import Gain, measure_gain
-from veo_ti.diagnosis.leaders import WORTH, Progress, counted
+from veo_ti.diagnosis.leaders import Progress, counted
 from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
-from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, with_more
-from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, stands, unexplained
 from veo_ti.diagnosis.visible import Left
-from veo_ti.evaluation import judged
 from veo_ti.identification import Identification
-
-SMOOTH = 12  # spatial modes in which misfit is looked for
-_STIFF = 4.0  # times the stiffness that the differences between frames tell, beyond which it is taken from them, and
-_AS_STIFF = 0.1  # known so well [nats]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,24 +51,9 @@ def diagnose(
     second: after a cause was named, look for another in what is left.
     """
     began, say = time.perf_counter(), progress or (lambda text: None)
-    scene, basis, start = _scene(identification)
-    modes = basis.field.modes[:, :SMOOTH]
-    say("noise")
-    noise = measure_noise(scene, modes)
-    seen = scene.target.seen & ~noise.stray
-    scene = replace(scene, target=replace(scene.target, seen=seen, sigma=noise.sigma))
-    state = identification.fit.state
-    say("discretisation")
-    extra = discretisation(scene)
-    prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
-    model = Model(basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra)
-    say("baseline")
-    start = np.concatenate([start, np.zeros(len(extra))])
-    baseline = refit(scene, model, start)
-    better = baseline.tuned(model, model.s2)
-    if better.evidence(model.s2) - baseline.evidence(model.s2) > WORTH:
-        model = replace(model, prior=better.prior)
-        baseline = refit(scene, model, baseline.coefficients)
+    start = Baseline.of(identification, say)
+    baseline, model, noise, modes = start.refit, start.model, start.noise, start.modes
+    scene = baseline.scene
     reasons = {cause.name: cause.untestable(scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
@@ -131,28 +107,3 @@ def _rounds(
         return [first]
     alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first
     return list(two_at_once(alone, narrower, modes, causes, say, again) or [alone])
-
-
-def _scene(found: Identification) -> tuple[Scene, Basis, np.ndarray]:
-    """The identified object on all frames, the basis that its material is written in, and its coefficients.
-
-    Where what nobody recorded outweighs the nominal loads, the stiffest object fits best, and shows no cause. Then a
-    homogeneous one is taken, as stiff as the differences between frames tell.
-    """
-    energy, reached, a = found.energy, found.model, found.fit.state.a
-    basis = Basis.of(energy.elastic.cloud, found.options.fit, float(np.exp(found.fit.centre)))
-    stiffness = _told(found)
-    if found.fit.centre + a[0] > np.log(_STIFF * stiffness):
-        a, options = np.zeros_like(a), replace(found.options.fit, mean_sd=_AS_STIFF)
-        basis = Basis.of(energy.elastic.cloud, options, stiffness)
-        energy = energy.with_elastic(basis.elastic(energy.elastic, a))
-        reached = judged(found.observation, energy, found.rest.y)
-    target = replace(reached.target, seen=reached.target.seen & reached.converged[:, None])
-    train = np.isin(np.arange(len(target.y)), found.train)
-    return Scene(observation=found.observation, energy=energy, y=reached.y, target=target, train=train), basis, a
-
-
-def _told(found: Identification) -> float:
-    """Shear modulus [Pa] that the differences between training frames tell; without loads none is too stiff."""
-    energy, target = found.energy.frames(found.train), found.model.target.frames(found.train)
-    return guess_modulus(energy, target) if energy.gradient(found.rest.y[found.train]).any() else np.inf
