@@ -9,6 +9,7 @@ from functools import cache, cached_property
 import fem
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from skfem import Basis, ElementHex2, FacetBasis, MeshHex
 
 
@@ -54,6 +55,13 @@ class Body:
     def count(self) -> int:
         """Number of nodes."""
         return len(self.nodes)
+
+    @property
+    def hangs_together(self) -> bool:
+        """Whether its cells are one piece, across whole facets of nine nodes."""
+        holds = csr_matrix((np.ones(self.elements.size, int), (np.repeat(np.arange(len(self.elements)), 27),
+                            self.elements.ravel())), shape=(len(self.elements), self.count))  # fmt: skip
+        return connected_components(holds @ holds.T >= 9, directed=False)[0] == 1
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -117,8 +125,12 @@ def cofactor(F: np.ndarray) -> np.ndarray:
 
 
 def split(body: Body, inside: np.ndarray, above: np.ndarray) -> Body:
-    """A crack: the nodes `inside` (N,) bool become two, of which the cells `above` (E,) bool take the new ones."""
+    """A crack: the nodes `inside` (N,) bool become two, of which the cells `above` (E,) bool take the new ones.
+
+    Nodes with cells on one side only stay as they are.
+    """
     number = np.arange(body.count)
+    inside = inside & np.isin(number, body.elements[above]) & np.isin(number, body.elements[~above])
     number[inside] = body.count + np.arange(inside.sum())
     elements = np.where(above[:, None], number[body.elements], body.elements)
     return replace(

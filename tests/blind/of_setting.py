@@ -17,7 +17,18 @@ SUBSTEPS = 24  # at least, in a period of the slowest vibration
 
 
 def disconnection(rng: np.random.Generator, scene: Scene) -> Hidden:
-    """A crack across the body: nodes of a cut plane doubled over a share of the section, from one side."""
+    """A crack across the body: nodes of a cut plane doubled over a share of the section, from one side.
+
+    One that would open nothing, or set a part free, is drawn again.
+    """
+    while True:
+        crack = _crack(rng, scene)
+        body = crack.change(Model.plain(scene), crack.start).built.body
+        if body.count > scene.built.body.count and body.hangs_together:
+            return crack
+
+
+def _crack(rng: np.random.Generator, scene: Scene) -> Hidden:
     lattice, axis = scene.built.lattice, 2
     planes = np.unique(lattice[:, axis].round(6))[2::2]
     planes = planes[(planes > 0.25 * planes.max()) & (planes < 0.75 * planes.max())]
