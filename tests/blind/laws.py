@@ -123,31 +123,48 @@ def neo_hookean(mu: np.ndarray, lam: np.ndarray) -> Isotropic:
 
 
 def yeoh(c: np.ndarray) -> Isotropic:
-    """psi = c (I1 - 3)^2, c (E, Q) [Pa] (Yeoh 1990, second term)."""
+    """psi = c (I - 3)^2 of what changes shape alone, I = I1 J^(-2/3), c (E, Q) [Pa] (Yeoh 1990, second term).
+
+    With I1 itself, which a little less volume lowers, a large c would forbid a change of I1 in place of one of J, and
+    hardly stiffen anything.
+    """
 
     def density(I1: np.ndarray, J: np.ndarray, t: float) -> Derivatives:
-        zero = np.zeros_like(J)
-        return c * (I1 - 3) ** 2, 2 * c * (I1 - 3), zero, 2 * c + zero, zero, zero
+        x = isochoric(I1, J) - 3
+        return _of_shape(c * x**2, 2 * c * x, 2 * c, I1, J)
 
     return Isotropic(density)
 
 
 def gent(mu: np.ndarray, limit: float) -> Isotropic:
-    """What Gent's law adds to mu/2 (I1 - 3): psi = -mu/2 (J_m ln(1 - x) + I1 - 3), x = (I1 - 3)/J_m (Gent 1996).
+    """What Gent's law adds to mu/2 (I - 3), I = I1 J^(-2/3): psi = -mu/2 (J_m ln(1 - x) + I - 3), x = (I - 3)/J_m
+    (Gent 1996).
 
     Beyond the limit J_m it is continued by its parabola at x = 0.95, so that Newton's steps may try anything.
     """
 
     def density(I1: np.ndarray, J: np.ndarray, t: float) -> Derivatives:
-        full = (I1 - 3) / limit
-        x, zero = np.minimum(full, 0.95), np.zeros_like(J)
+        full = (isochoric(I1, J) - 3) / limit
+        x = np.minimum(full, 0.95)
         over = limit * (full - x)
         d11 = mu / 2 / (limit * (1 - x) ** 2)
         d1 = mu / 2 * (1 / (1 - x) - 1)
         psi = -mu / 2 * limit * (np.log1p(-x) + x) + d1 * over + d11 / 2 * over**2
-        return psi, d1 + d11 * over, zero, d11, zero, zero
+        return _of_shape(psi, d1 + d11 * over, d11, I1, J)
 
     return Isotropic(density)
+
+
+def isochoric(I1: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """I = I1 J^(-2/3): I1 without the change of volume."""
+    return I1 * J ** (-2 / 3)
+
+
+def _of_shape(psi: np.ndarray, d: np.ndarray, dd: np.ndarray, I1: np.ndarray, J: np.ndarray) -> Derivatives:
+    """From psi(I) with its derivatives d and dd, I = I1 J^(-2/3)."""
+    a = J ** (-2 / 3)
+    I_J = -2 / 3 * I1 * a / J
+    return psi, d * a, d * I_J, dd * a**2, dd * a * I_J - 2 / 3 * d * a / J, dd * I_J**2 - 5 / 3 * d * I_J / J
 
 
 def volumetric(k: np.ndarray, form: str) -> Isotropic:

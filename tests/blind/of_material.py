@@ -11,7 +11,7 @@ RAW = (6.0, 40.0)  # a change of stiffness swallows most of these
 
 
 def strain_stiffening(rng: np.random.Generator, scene: Scene) -> Hidden:
-    """Yeoh's C2 (I1 - 3)^2 with C2 = mu beta/2, or Gent's law with J_m = 1/(2 beta), which begins alike."""
+    """Yeoh's C2 (I - 3)^2 with C2 = mu beta/2, or Gent's law with J_m = 1/(2 beta), which begins alike."""
     form, mu = str(rng.choice(["yeoh", "gent"])), scene.mu
 
     def change(model: Model, beta: float) -> Model:

@@ -50,10 +50,10 @@ class Scene:
 
     @cached_property
     def strain(self) -> float:
-        """I1 - 3 at its 95th percentile over the volume in the frame of the largest motion."""
+        """I1 - 3 without the change of volume: its 95th percentile over the body in the frame of the largest motion."""
         worst = np.abs(self.plain).max((1, 2)).argmax()
         F = self.built.body.F(self.plain[worst])
-        return float(np.quantile((F * F).sum((-1, -2)) - 3, 0.95))
+        return float(np.quantile(laws.isochoric((F * F).sum((-1, -2)), np.linalg.det(F)) - 3, 0.95))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -29,7 +29,11 @@ def strain_energy(scene: Scene) -> np.ndarray:
 
 
 class StrainStiffening(Cause):
-    """psi += mu beta / 2 I^2, I = I_c - 3 - 2 ln J (Yeoh's second term)."""
+    """psi += mu beta / 2 I^2, I = I_c - 3 - 2 ln J (Yeoh's second term).
+
+    To first order it levels off, `2 mu beta I / (1 + I/I_0) B` for the stress, at a place I_0 that hardly any point's
+    strain exceeds: the few that are strained ten times as much would drown all others, and stiffer ones never are.
+    """
 
     name = "strain_stiffening"
     sentence = "The material grows stiffer where it is strained."
@@ -38,15 +42,25 @@ class StrainStiffening(Cause):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A tangent about three times as stiff where the strain is among the largest twentieth."""
-        return np.array([1 / max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6)])
+        return 1 / np.array(self.places(scene))
+
+    def places(self, scene: Scene) -> Sequence[float]:
+        """The strain that a twentieth exceeds."""
+        return (max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6),)
+
+    def begin(self, place: float | None) -> tuple[None, float]:
+        """A refit follows the law itself."""
+        return None, 0.0
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A stress up to seven times as high there: what grows stiffer by more at once is something that closes."""
         return bool(0 < theta[0] < 3 * self.widths(scene)[0])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: float | None) -> Change:
         """The same beta everywhere."""
-        return extra(scene, YeohStiffening, np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1))
+        levelled = None if place is None else 1 / (1 + strain_energy(scene) / place)
+        m = np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1)
+        return extra(scene, YeohStiffening, m, levelled)
 
 
 class VolumetricLaw(Cause):
