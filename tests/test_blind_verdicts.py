@@ -35,3 +35,11 @@ def test_hidden_effect_is_found_and_extends_the_model(seed, effect, tmp_path):
     assert (answer["verdict"], answer["named"]) == ("named", [effect]), answer["sentence"]
     assert answer["excess_after_in_noise"] < 0.5 * answer["excess_in_noise"]
     assert answer["error_mm"]["after"] < answer["error_mm"]["refit_only"]
+
+
+def test_a_stiffening_is_told_from_a_force_out_of_proportion(tmp_path):
+    """Few points are strained ten times as much as the others, and to first order would hide them."""
+    truth, answer = said(100, tmp_path, effect="strain_stiffening")
+    assert (answer["verdict"], answer["named"]) == ("named", ["strain_stiffening"]), answer["sentence"]
+    (row,) = answer["causes"][0]["parameters"]
+    assert row["low"] < truth["planted"][0]["tells"]["beta"] < row["high"]

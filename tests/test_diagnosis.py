@@ -14,6 +14,7 @@ from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
 from veo_ti.diagnosis.causes.dynamics import Damping, Inertia
+from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
@@ -82,6 +83,15 @@ def test_null_changes_nothing_and_fingerprint_is_the_slope_of_what_is_seen(cause
     first, *others = cause.places(scene)
     for place in (first, *others[-1:]):
         fingerprint_is_the_slope(cause, place, scene, basis)
+
+
+def test_stiffening_is_refitted_by_the_law_that_does_not_level_off(scene, basis):
+    cause = StrainStiffening()
+    place, stiffer = cause.begin(cause.places(scene)[0])
+    fingerprint_is_the_slope(cause, place, scene, basis)
+    plain, levelled = (cause.change(scene, np.ones(1), p).terms[0].value(scene.y) for p in (place, 1e9))
+    assert stiffer == 0
+    assert levelled == pytest.approx(plain)  # where the strain to level off at is out of reach
 
 
 def fingerprint_is_the_slope(cause, place, scene, basis):
