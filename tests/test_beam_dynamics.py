@@ -320,5 +320,5 @@ def test_real_beam_lacks_inertia_with_damping_and_its_weight_is_a_mass(measured,
         assert r.predicted.frequency == pytest.approx(r.measured.frequency, rel=0.02)
         assert r.predicted.ratio == pytest.approx(r.measured.ratio, rel=0.25)
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png;base64") == 5 and "http" not in page
+    assert page.count("data:image/png;base64") == 5 and "://" not in page
     assert json.loads((tmp_path / "diagnosis.json").read_text()) == found

@@ -297,7 +297,7 @@ def test_command_leaves_numbers_pictures_and_a_page(tmp_path, capsys):
     assert facts["folds"][0]["held_out"][0]["usual_mooney_rivlin_r_squared"] == pytest.approx(-5748.6, abs=0.1)
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png") == 5
-    assert "http" not in page.split("</style>")[1]
+    assert "://" not in page.split("</style>")[1]
 
 
 @pytest.mark.parametrize(
