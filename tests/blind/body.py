@@ -59,9 +59,9 @@ class Body:
     @property
     def hangs_together(self) -> bool:
         """Whether its cells are one piece, across whole facets of nine nodes."""
-        holds = csr_matrix((np.ones(self.elements.size, int), (np.repeat(np.arange(len(self.elements)), 27),
-                            self.elements.ravel())), shape=(len(self.elements), self.count))  # fmt: skip
-        return connected_components(holds @ holds.T >= 9, directed=False)[0] == 1
+        rows, columns = np.repeat(np.arange(len(self.elements)), 27), self.elements.ravel()
+        of_cell = csr_matrix((np.ones(len(rows), int), (rows, columns)))  # which nodes a cell has
+        return connected_components(of_cell @ of_cell.T >= 9, directed=False)[0] == 1
 
     @cached_property
     def points(self) -> np.ndarray:
