@@ -11,6 +11,7 @@ from sim.lame import Lame
 from sim.newton import equilibrate
 from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.loads import HiddenForce
+from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.experiment import separating
 from veo_ti.diagnosis.model import Model, Refit
@@ -73,6 +74,15 @@ def test_a_cause_cannot_be_told_from_itself(baseline, model):
     other = assumed(baseline, model, HiddenForce(), [0, 1e-4, 1e-4], elsewhere)
     same, apart = (separating(baseline, one, second, model, model.s2) for second in (one, other))
     assert same.then < 0.05 * apart.then
+
+
+def test_a_stiffening_is_compared_as_it_levels_off(baseline, model):
+    """However it was followed; the law itself is drowned by what few points are strained most."""
+    (level,) = StrainStiffening().places(baseline.scene)
+    law, levelled = (assumed(baseline, model, StrainStiffening(), [1 / level], place) for place in (None, level))
+    scale = assumed(baseline, model, CameraScale(), [0.05, 0, 0, 0])
+    same, other = (separating(baseline, law, second, model, model.s2) for second in (levelled, scale))
+    assert same.then < 0.05 * other.then
 
 
 def test_nothing_is_proposed_where_no_force_is_named(baseline, model, scene):

@@ -91,9 +91,7 @@ def _information(scene: Scene, current: Refit, pair: tuple[Refit, Refit], model:
     """Inner products (M, M) of the columns of material, discretisation (zero where not at hand) and both causes."""
     K, n = model.basis.log_mu.shape[1], len(model.prior)
     extra = model.extra if scene is current.scene else ()
-    places = [one.place if scene is current.scene else one.cause.elsewhere(scene, one.place) for one in pair]
-    both = zip(pair, places, strict=True)
-    directions = [d for one, place in both for d in directions_of(one.cause, scene, place)]
+    directions = [d for one in pair for d in directions_of(one.cause, scene, one.cause.elsewhere(scene, one.place))]
     A = moments(scene, model.basis, current.around[:K], extra, directions).normal.A
     out = np.zeros((n + len(directions),) * 2)
     rows = np.concatenate([np.arange(K + len(extra)), np.arange(n, n + len(directions))])

@@ -11,7 +11,7 @@ from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
 from veo_ti.diagnosis.score import Score
 from veo_ti.diagnosis.sentence import place, present, sentence
-from veo_ti.diagnosis.verdict import Candidate
+from veo_ti.diagnosis.verdict import TESTABLE, Candidate
 
 _FAR = 3.0  # widths of what is plausible: an effect that must be larger to be seen cannot be tested
 _WORTH_A_WORD = 3.0  # nats: what has as much for it was seen, whatever its size
@@ -112,7 +112,11 @@ def _ranking(diagnosis: Diagnosis) -> list[dict[str, object]]:
 def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
     why_not = _hidden(diagnosis, score)
     values = _values(score.cause, score.theta)
-    smallest = [{**value, "smallest_detectable": _plain(d)} for value, d in zip(values, score.detectable, strict=True)]
+    told = score.keep > TESTABLE
+    smallest = [
+        {**value, "smallest_detectable": _plain(d) if told else None}
+        for value, d in zip(values, score.detectable, strict=True)
+    ]
     return {
         "name": score.name, "log_bayes": _plain(score.log_bayes), "statistic": _plain(score.statistic),
         "keep": _plain(score.keep), "promised": _plain(score.explained),
@@ -123,8 +127,8 @@ def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
 
 def _hidden(diagnosis: Diagnosis, score: Score) -> str | None:
     """Why a cause that was scored could not have been seen at any plausible size, or None."""
-    widths = score.cause.widths(diagnosis.baseline.scene)
-    if score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any():
+    widths, told = score.cause.widths(diagnosis.baseline.scene), score.keep > TESTABLE
+    if told and (score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any()):
         return None
     if score.keep < 0.3:
         return f"a change of the material imitates it: only {score.keep:.0%} of its effect would be left to see"

@@ -15,6 +15,7 @@ from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, eit
 
 _STARTS, _MOST = 2, 4  # causes that a second one is looked for beside; and with those that explain
 _ALIKE = 0.05  # less at most
+_SURELY = 5.0  # times what counts, from which on a second cause is there wherever the first one is
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,9 +34,10 @@ class _Pair:
         return self.second.refit.tuned(self.model, s2).evidence(s2)
 
     def first_alone(self, say: Progress) -> Refit | None:
-        """The first one refitted alone where it is beside the second, if that is another place than before."""
-        joint = self.second.refit.apart()[0]
-        if joint.place is self.first.refit.place:  # places may be arrays
+        """The first one refitted alone where it is beside the second, if that is another place than before and might
+        do without the second."""
+        joint, second = self.second.refit.apart()
+        if joint.place is self.first.refit.place or _borne_out(second) > _SURELY * BETTER:  # places may be arrays
             return None
         say(f"{self.first.name} alone, where it is beside {self.second.name}")
         there, start = replace(self.model, s2=self.found.s2), self.first.refit
@@ -118,11 +120,10 @@ def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Prog
 def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
     """Whether a pair counts: each adds to the other, and what is wrong is explained.
 
-    The first one has to be worth as much beside the second (Wald's test). Where some cause explains nearly all alone,
-    two may be its image, and have to explain nearly all that it leaves, or most of it and all but our own error.
+    The first one has to be worth as much beside the second. Where some cause explains nearly all alone, two may be its
+    image, and have to explain nearly all that it leaves, or most of it and all but our own error.
     """
-    joint = second.refit.apart()[0]
-    there = np.max((joint.theta / np.maximum(joint.sd, 1e-300)) ** 2) / 2
+    there = _borne_out(second.refit.apart()[0])
     adds = min(second.gained, second.predicted, there) > BETTER and second.plausible
     left = 1 - explained_by((first, second))
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
@@ -130,6 +131,11 @@ def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
         return adds and stands((first, second))
     little = (1 - TOGETHER) * least
     return adds and left <= max(little, min(2 * little, OURS**2))
+
+
+def _borne_out(part: Refit) -> float:
+    """Nats that one of two refitted causes is worth beside the other, to second order (Wald's test)."""
+    return float(np.max((part.theta / np.maximum(part.sd, 1e-300)) ** 2)) / 2
 
 
 def _near(pairs: Sequence[_Pair]) -> list[_Pair]:

@@ -13,7 +13,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.moments import Along, Moments, moments, moments_of
-from veo_ti.diagnosis.visible import least_visible
+from veo_ti.diagnosis.visible import surely_visible
 
 _SURE = 4.3  # standard deviations: 3 for a false alarm in 700, 1.3 for nine in ten
 
@@ -144,8 +144,8 @@ def score(
 ) -> Score:  # fmt: skip
     """The score of one cause; columns (places, d) of its directions. The number of places is paid for.
 
-    noise: the statistics at the variance of the noise, and least: the norm over all data of an effect that stands out
-    from the simulation's own error [m], in which the smallest detectable size is meant.
+    noise: the statistics at the variance of the noise, and least: the norm over all data of an effect that surely
+    stands out from the simulation's own error [m], in which the smallest detectable size is meant.
     """
     results = [_at(statistics, cause, widths, c) for c in columns]
     evidence = np.array([r[0] for r in results])
@@ -199,7 +199,7 @@ def scores_of(
         residual=scene.target.residual(taken.simulated), modes=modes,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=taken.prior)
-    least = least_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
+    least = surely_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     noise = replace(statistics, s2=floor)
     scores = [
         score(statistics, noise, cause, cause.widths(scene), places, columns + found.nuisances, least)

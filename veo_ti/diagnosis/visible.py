@@ -43,7 +43,7 @@ class Left:
     @property
     def faint(self) -> bool:
         """Whether it is so little more that the simulation may be to blame, unless a cause explains it."""
-        return self.excess < max(_FAINT[0] * self.noise, _FAINT[1] * _motion(self.scene))
+        return self.excess < surely_visible(self.scene, self.noise)
 
     @property
     def like_noise(self) -> bool:
@@ -57,6 +57,12 @@ def least_visible(scene: Scene, sigma: float, *, shadow: bool = False) -> float:
     shadow: beside a cause that explains most, and that has not quite the shape it is given.
     """
     return max((_BESIDE if shadow else _VISIBLE) * sigma, _SHARE * _motion(scene))
+
+
+def surely_visible(scene: Scene, sigma: float) -> float:
+    """The root mean square of an effect [m], per coordinate, from which on it is seen even where its fingerprint is not
+    quite the shape that it leaves."""
+    return max(_FAINT[0] * sigma, _FAINT[1] * _motion(scene))
 
 
 def _motion(scene: Scene) -> float:

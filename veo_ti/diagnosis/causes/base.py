@@ -111,7 +111,7 @@ class Cause:
         return None
 
     def elsewhere(self, scene: Scene, place: Any) -> Any:
-        """The place in another measurement of the same object."""
+        """The place in any measurement of the same object, as a small effect goes."""
         return place
 
     def begin(self, place: Any) -> tuple[Any, float]:

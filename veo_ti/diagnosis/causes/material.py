@@ -52,6 +52,10 @@ class StrainStiffening(Cause):
         """A refit follows the law itself."""
         return None, 0.0
 
+    def elsewhere(self, scene: Scene, place: float | None) -> float:
+        """Levelled off at the strains of that measurement."""
+        return self.places(scene)[0]
+
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A stress up to seven times as high there: what grows stiffer by more at once is something that closes."""
         return bool(0 < theta[0] < 3 * self.widths(scene)[0])
