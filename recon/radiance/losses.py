@@ -1,4 +1,4 @@
-"""What a trained field must get right: the filmed colours, an opaque inside, and a warp that undoes the bending."""
+"""What a trained field must get right: the filmed colours, an opaque inside, a motion that hardly stretches."""
 
 from dataclasses import dataclass, fields
 
@@ -16,12 +16,13 @@ _HIDDEN = 0.1  # transmittance below which a sample lies behind the surface
 _CLEAR = 0.9  # transmittance above which a sample lies before it
 _SOLID, _EMPTY = 0.95, 0.05  # matte above which a ray is one of the object's, below which one of the background
 _VISIBLE = 0.05  # opacity of samples that teach the forward warp
-_MOST_WARPED = 4096  # of them
+_MOST_WARPED, _MOST_PAIRED = 4096, 2048  # of them, and of those that ask the bending how it stretches
+_PAIR = 0.05  # of the box's side, between two places whose distance is to stay
 
 
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """Of the paper's L_background, L_foreground and L_density, beside the colours' one.
+    """Of the paper's L_background, L_foreground and L_density and of our L_elastic, beside the colours' one.
 
     The colours, compared over a random colour, ask for the first two already; here they can be asked for more strongly,
     as the paper does sequence by sequence. Raises ValueError when one is negative.
@@ -30,6 +31,7 @@ class LossWeights:
     background: float = 0.0
     foreground: float = 0.0
     density: float = 0.01
+    elastic: float = 20.0
 
     def __post_init__(self) -> None:
         for name in (f.name for f in fields(self)):
@@ -104,17 +106,46 @@ def _mean(values: torch.Tensor, of: torch.Tensor) -> torch.Tensor:
     return (values * of).sum() / of.sum().clamp(min=1)
 
 
-def warp_loss(
-    model: Dynamic, samples: Samples, canonical: torch.Tensor, thickness: torch.Tensor, generator: torch.Generator
-) -> torch.Tensor | None:
-    """Mean distance between samples and where w carries their canonical places, in box sides; None without samples.
+def motion_loss(
+    model: Dynamic, samples: Samples, canonical: torch.Tensor, thickness: torch.Tensor, weights: LossWeights,
+    generator: torch.Generator,
+) -> torch.Tensor:  # fmt: skip
+    """What samples that are not clear ask of the motion: the two losses below; zero without such samples."""
+    visible = torch.nonzero(thickness.detach() > _VISIBLE)[:, 0]
+    if not len(visible):
+        return thickness.new_zeros(())
+    total = warp_loss(model, samples, canonical, _some(visible, _MOST_WARPED, generator))
+    if weights.elastic:
+        pairs = _some(visible, _MOST_PAIRED, generator)
+        total = total + weights.elastic * elastic_loss(model, samples, canonical, pairs, generator)
+    return total
+
+
+def warp_loss(model: Dynamic, samples: Samples, canonical: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
+    """Mean distance between the chosen samples and where w carries their canonical places, in box sides.
 
     Bending and latents are taken as they are: w follows b and never pulls at it.
     """
-    visible = torch.nonzero(thickness.detach() > _VISIBLE)[:, 0]
-    if len(visible) > _MOST_WARPED:
-        visible = visible[torch.randint(0, len(visible), (_MOST_WARPED,), generator=generator)]
-    if not len(visible):
-        return None
-    there = model.warped(canonical.detach()[visible], samples.frame[visible])
-    return (there - samples.place[visible]).norm(dim=1).mean() / model.canonical.box.side
+    there = model.warped(canonical.detach()[chosen], samples.frame[chosen])
+    return (there - samples.place[chosen]).norm(dim=1).mean() / model.canonical.box.side
+
+
+def elastic_loss(
+    model: Dynamic, samples: Samples, canonical: torch.Tensor, chosen: torch.Tensor, generator: torch.Generator
+) -> torch.Tensor:
+    """Mean square of the strain `|d + b(x + d) - b(x)| / |d| - 1` between the chosen samples x and places beside them.
+
+    d is of one length and points anywhere. Pictures hardly tell a limb that bends from one whose slices slide; a soft
+    object's do not (in the manner of the elastic regularisation of Park et al. 2021, "Nerfies").
+    """
+    length = _PAIR * model.canonical.box.side
+    aside = torch.nn.functional.normalize(torch.randn(len(chosen), 3, generator=generator), dim=1) * length
+    there = model.bent(samples.place[chosen] + aside, samples.frame[chosen])
+    return (((there - canonical[chosen]).norm(dim=1) / length - 1) ** 2).mean()
+
+
+def _some(which: torch.Tensor, most: int, generator: torch.Generator) -> torch.Tensor:
+    """So many at most, drawn at random."""
+    if len(which) <= most:
+        return which
+    return which[torch.randint(0, len(which), (most,), generator=generator)]

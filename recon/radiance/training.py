@@ -12,7 +12,7 @@ import torch
 from recon.radiance.batches import Pixels, frames_of
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hulls import hulls_of
-from recon.radiance.losses import LossWeights, colour_loss, shape_loss, warp_loss
+from recon.radiance.losses import LossWeights, colour_loss, motion_loss, shape_loss
 from recon.radiance.marching import Occupancy
 from recon.radiance.rendering import along
 from recon.radiance.run_state import Run
@@ -33,7 +33,7 @@ _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
-_SCHEME = 2  # of this training: what an earlier one left is not gone on with
+_SCHEME = 3  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
@@ -178,10 +178,10 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
                                     shift=shift, until=until)  # fmt: skip
     loss = colour_loss(seen, batch, run.gains, behind)
     loss = loss + shape_loss(seen, samples, thickness, batch, options.weights)
-    warped = warp_loss(run.model, samples, canonical[0], thickness, run.generator) if moving else None
+    moved = motion_loss(run.model, samples, canonical[0], thickness, options.weights, run.generator) if moving else 0
     for optimiser in run.optimisers.values():
         optimiser.zero_grad(set_to_none=True)
-    (loss if warped is None else loss + warped).backward()
+    (loss + moved).backward()
     for name, optimiser in run.optimisers.items():
         if moving or name in ("field", "gains"):
             optimiser.step()
