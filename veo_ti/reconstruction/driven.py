@@ -5,7 +5,7 @@ import numpy as np
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, forces_of
 
-_ACTS = 0.003  # of the largest frame's sum of forces, above which the stream, wider than assumed, may meet the object
+_ACTS = 1e-4  # of the largest frame's sum of forces, above which the stream, wider than assumed, may meet the object
 _RESTS = 0.005  # of the object's size: nineteen points in twenty of an object at rest never seem to be further off
 _NOISE = 3.0  # times what the quietest quarter of frames without stream seem to move by
 
