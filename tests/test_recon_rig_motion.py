@@ -171,3 +171,13 @@ def test_body_interpolates_quadratics_and_keeps_forces(motions):
     moment = np.cross(x, force).sum(axis=0)
     np.testing.assert_allclose(np.cross(body.nodes, body.consistent @ force).sum(axis=0), moment, atol=1e-9)
     np.testing.assert_allclose(six(np.eye(3)), np.eye(3, 6), atol=1e-15)
+
+
+@pytest.mark.parametrize("shape", ["plush", "leaf"])
+def test_points_beside_the_body_move_like_it(motions, shape):
+    """Where the curved skin has no place for them, the search for one ends instead of running away."""
+    body = motions[shape].body
+    random = np.random.default_rng(0)
+    points = body.nodes[random.integers(0, len(body.nodes), 20_000)] + 6e-3 * random.normal(size=(20_000, 3))
+    wave = np.sin(body.nodes / 0.1)
+    assert np.abs(body.interpolation(points) @ wave).max() < 2

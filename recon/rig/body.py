@@ -112,11 +112,14 @@ class Body:
         least = np.minimum(local.min(axis=2), 1 - local.sum(axis=2))
         best = least.argmax(axis=1)
         cell, local = near[np.arange(len(points)), best], local[np.arange(len(points)), best]
-        nodes = self.nodes[self.cells[cell]]
-        for _ in range(NEWTON):  # edges on the skin are curved
+        nodes, least = self.nodes[self.cells[cell]], np.full((len(points), 1), np.inf)
+        found = local
+        for _ in range(NEWTON):  # edges on the skin are curved; beside it there may be no such place
             off = points - np.einsum("mk,mkj->mj", ten(local), nodes)
-            local = local + np.einsum("mij,mj->mi", inverse[cell], off)
-        return cell, local
+            size = np.linalg.norm(off, axis=1, keepdims=True)
+            found, least = np.where(size < least, local, found), np.minimum(size, least)
+            local = np.where(size == least, local + np.einsum("mij,mj->mi", inverse[cell], off), found)
+        return cell, found
 
 
 def ten(local: np.ndarray) -> np.ndarray:
