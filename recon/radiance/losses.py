@@ -15,7 +15,7 @@ _BEND = 0.1  # of a colour, up to which an error counts squared
 _HIDDEN = 0.1  # transmittance below which a sample lies behind the surface
 _CLEAR = 0.9  # transmittance above which a sample lies before it
 _SOLID, _EMPTY = 0.95, 0.05  # matte above which a ray is one of the object's, below which one of the background
-_VISIBLE = 0.05  # opacity of samples that teach the forward warp
+_VISIBLE = 0.05  # opacity of samples that teach the motion
 _MOST_WARPED, _MOST_PAIRED = 4096, 2048  # of them, and of those that ask the bending how it stretches
 _PAIR = 0.05  # of the box's side, between two places whose distance is to stay
 

@@ -112,13 +112,14 @@ class Body:
         least = np.minimum(local.min(axis=2), 1 - local.sum(axis=2))
         best = least.argmax(axis=1)
         cell, local = near[np.arange(len(points)), best], local[np.arange(len(points)), best]
-        nodes, least = self.nodes[self.cells[cell]], np.full((len(points), 1), np.inf)
-        found = local
-        for _ in range(NEWTON):  # edges on the skin are curved; beside it there may be no such place
+        nodes = self.nodes[self.cells[cell]]
+        found, nearest = local, np.full((len(points), 1), np.inf)
+        for _ in range(NEWTON + 1):  # edges on the skin are curved; beside it there may be no such place
             off = points - np.einsum("mk,mkj->mj", ten(local), nodes)
-            size = np.linalg.norm(off, axis=1, keepdims=True)
-            found, least = np.where(size < least, local, found), np.minimum(size, least)
-            local = np.where(size == least, local + np.einsum("mij,mj->mi", inverse[cell], off), found)
+            far = np.linalg.norm(off, axis=1, keepdims=True)
+            nearer = far < nearest
+            found, nearest = np.where(nearer, local, found), np.minimum(far, nearest)
+            local = np.where(nearer, local + np.einsum("mij,mj->mi", inverse[cell], off), found)
         return cell, found
 
 
