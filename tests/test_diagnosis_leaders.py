@@ -78,7 +78,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     def cause(name, *laws):
         return SimpleNamespace(name=name, laws=lambda scene: laws)
 
-    def looked_at(found, current, model, floor, modes, say):
+    def looked_at(found, current, model, floor, modes, say, known):
         looks.append([(s.name, s.place) for s in found])
         tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
                                  model=SimpleNamespace(s2=1.0)) for s in found]  # fmt: skip
@@ -94,6 +94,27 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     given = [SimpleNamespace(name=c.name, cause=c, place=place) for c, place in (
         (cause("a", "first", "second"), "first"), (cause("b"), None))]  # fmt: skip
     current = SimpleNamespace(cause=beside, scene=None)
-    found, _ = leaders.refitted(given, current, None, 1.0, None, print)
+    found = leaders.refitted(given, current, None, 1.0, None, print)
     assert (looks[1:] == [[("a", "second")]]) == asked and len(looks) == 1 + asked
-    assert [(r.cause.name, r.place) for r in found] == [("a", "second" if asked else "first"), ("b", None)]
+    assert [(r.cause.name, r.place) for r in found.refits] == [("a", "second" if asked else "first"), ("b", None)]
+
+
+@pytest.mark.parametrize(("leaves", "followed"), [(4.0, True), (6.0, False)])
+def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, followed, monkeypatch):
+    """Neither at another place nor beyond the first order; those before stay, and the best of them counts."""
+    looks, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
+    result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=None, theta=None)
+    result.without = None
+    late = SimpleNamespace(result=result, tuned=result, left=leaves, model=SimpleNamespace(s2=9.0), spent=False)
+    late.place, late.following = "there", None
+    monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
+    monkeypatch.setattr(leaders, "_tried_once", lambda *_: None)
+    monkeypatch.setattr(leaders._Tried, "of", lambda *_, **more: late)
+    monkeypatch.setattr(leaders, "_begun", lambda *_: (looks.append("place"), None, None))
+    monkeypatch.setattr(leaders, "refit", lambda *_, **more: None)
+    monkeypatch.setattr(leaders, "_beyond", lambda tried, *_: looks.append("beyond") or tried)
+    given = [SimpleNamespace(cause=SimpleNamespace(name="late", laws=lambda scene: ()))]
+    current = SimpleNamespace(cause="another", scene=None)
+    found = leaders.refitted(given, current, SimpleNamespace(s2=9.0), 1.0, None, str, beside=before)
+    assert looks == (["place", "beyond"] if followed else [])
+    assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0

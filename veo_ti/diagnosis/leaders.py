@@ -68,17 +68,28 @@ def _spoken_for(scores: Sequence[Score], keep: float) -> list[Score]:
     return [s for s in scores if s.keep > keep and s.log_bayes > _LEAST]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refitted:
+    """Causes that were refitted, and what they are measured by."""
+
+    refits: tuple[Refit, ...] = ()
+    s2: float = np.inf  # the noise [m2] that the best of them leaves: what it explains was no noise
+    least: float = np.inf  # variance [m2] at which what any of them leaves counts
+
+
 def refitted(
-    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress
-) -> tuple[list[Refit], float]:
-    """The leaders at the best of their places, and the noise that the best leaves: what it explains was no noise.
+    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress, *,
+    beside: Refitted = Refitted(),
+) -> Refitted:  # fmt: skip
+    """The leaders at the best of their places, after those that were refitted before, beside which they have to stand:
+    one that leaves far more than any gets no second look.
 
     In the first look those that obey one of several laws are refitted by the others as well, unless they leave least,
     and that is noise.
     """
     leaders = _narrowed(leaders, current, model, floor, modes, say)
-    tried, reached = _looked_at(leaders, current, model, floor, modes, say)
-    nearest = min((t.left for t in tried), default=0.0)
+    tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least)
+    nearest = min([beside.least, *(t.left for t in tried)])
     close = [t.left < _NEARBY * nearest and t.left > min(nearest, _IN_REACH * floor) for t in tried]
     others = [
         (s.cause, law)
@@ -88,26 +99,31 @@ def refitted(
     ]
     if others:
         scores = scores_of(current, model, floor, modes, [(cause, [law]) for cause, law in others])[1]
-        more, less = _looked_at(scores, current, model, floor, modes, say)
+        more, less = _looked_at(scores, current, model, floor, modes, say, nearest)
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
-        nearest = min(t.left for t in tried)
+        nearest = min([nearest, *(t.left for t in tried)])
     tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
-    return [t.result for t in tried], min([reached, *(t.model.s2 for t in tried)])
+    return Refitted(
+        refits=(*beside.refits, *(t.result for t in tried)),
+        s2=min([beside.s2, reached, *(t.model.s2 for t in tried)]),
+        least=min([nearest, *(t.left for t in tried)]),
+    )
 
 
 def _looked_at(
-    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress
-) -> tuple[list["_Tried"], float]:
+    leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress,
+    known: float,
+) -> tuple[list["_Tried"], float]:  # fmt: skip
     """All refitted at their places, and the noise that the best leaves.
 
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
-    at what it leaves, a few times, unless another leaves far less.
+    at what it leaves, a few times, unless another leaves far less; known: what others were known to leave.
     """
     tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(LOOKS):
-        least, before = min((t.left for t in tried), default=0.0), tried
+        least, before = min([known, *(t.left for t in tried)]), tried
         tried = [_looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:

@@ -70,15 +70,14 @@ def look(
         return replace(quiet, verdict=nothing(even=True))
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
     leaders, others = leaders_of(scores, keep)
-    tried, s2 = refitted(leaders, current, model, floor, modes, say)
-    candidates = _candidates(tried, current, model, floor, s2, modes)
+    tried = refitted(leaders, current, model, floor, modes, say)
+    candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
     standing = [c.name for c in candidates if c.plausible and stands([c])]
     if standing:
         others = look_alikes(standing[0], statistics, scores, keep, [c.name for c in candidates])
     if others and (standing or current.cause is None):
-        more, least = refitted(others, current, model, floor, modes, say)
-        tried, s2 = [*tried, *more], min(s2, least)
-        candidates = _candidates(tried, current, model, floor, s2, modes)
+        tried = refitted(others, current, model, floor, modes, say, beside=tried)
+        candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
     verdict, experiment = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), None
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
@@ -86,10 +85,10 @@ def look(
     if verdict.kind == "ambiguous":
         say("what would tell them apart")
         first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])
-        experiment = separating(taken, first, second, model, s2)
+        experiment = separating(taken, first, second, model, tried.s2)
     holds = verdict.kind == "named" or (verdict.kind == "ambiguous" and current.cause is not None)
     return replace(
-        quiet, candidates=tuple(candidates), verdict=verdict, s2=s2, experiment=experiment,
+        quiet, candidates=tuple(candidates), verdict=verdict, s2=tried.s2, experiment=experiment,
         extended=verdict.causes[0].refit if holds else None,
     )  # fmt: skip
 
