@@ -171,8 +171,9 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
     if tried.spent or tried.left > _NEARBY * least:
         return tried
     result, s2, place = tried.tuned, tried.left, tried.place
-    cause, fine, more = result.cause, s2 < enough, result.evidence(s2) - tried.result.evidence(s2)
+    cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
     moved = place is not result.place  # places may be arrays
+    fine = s2 < enough and not moved  # where it stays
     closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
     if not moved and not (closer and s2 < _IN_REACH * least):
         return tried
