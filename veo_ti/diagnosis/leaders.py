@@ -89,7 +89,7 @@ def refitted(
     """
     leaders = _narrowed(leaders, current, model, floor, modes, say)
     tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least)
-    nearest = min([beside.least, *(t.left for t in tried)])
+    nearest = _nearest(beside.least, tried)
     close = [t.left < _NEARBY * nearest and t.left > min(nearest, _IN_REACH * floor) for t in tried]
     others = [
         (s.cause, law)
@@ -102,12 +102,12 @@ def refitted(
         more, less = _looked_at(scores, current, model, floor, modes, say, nearest)
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
-        nearest = min([nearest, *(t.left for t in tried)])
+        nearest = _nearest(nearest, tried)
     tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
     return Refitted(
         refits=(*beside.refits, *(t.result for t in tried)),
         s2=min([beside.s2, reached, *(t.model.s2 for t in tried)]),
-        least=min([nearest, *(t.left for t in tried)]),
+        least=_nearest(nearest, tried),
     )
 
 
@@ -123,7 +123,7 @@ def _looked_at(
     tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
     for _ in range(LOOKS):
-        least, before = min([known, *(t.left for t in tried)]), tried
+        least, before = _nearest(known, tried), tried
         tried = [_looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:
@@ -163,6 +163,11 @@ class _Tried:
     def place(self) -> Any:
         """Of the next fit."""
         return better_place(self.tuned, self.following)
+
+
+def _nearest(known: float, tried: Sequence[_Tried]) -> float:
+    """The least that any leaves, of those tried and of others of which the best leaves `known`."""
+    return min([known, *(t.left for t in tried)])
 
 
 def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> _Tried:
