@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")  # its handler would hide where the process crashed
 ROOT = Path(__file__).resolve().parent.parent
 
 

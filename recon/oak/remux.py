@@ -25,17 +25,23 @@ def decodable(stream: RecordedStream) -> RecordedStream:
     decoder.thread_type = "AUTO"
     for number, data in chain(enumerate(_packets(stream)), [(0, b"")]):  # an empty one asks for what is held back
         with suppress(av.InvalidDataError):
-            for frame in decoder.decode(_packet(data, number)):
+            for frame in decoder.decode(owned_packet(data, number)):
                 good[frame.pts] |= not frame.is_corrupt
     require(bool(good.any()), stream.name, "hold a picture that can be decoded", f"{len(good)} damaged ones")
     parts = {name: getattr(stream, name)[good] for name in ("number", "time", "offset", "size", "keyframe")}
     return replace(stream, **parts, damaged=int((~good).sum()))
 
 
-def _packet(data: bytes, number: int) -> av.Packet | None:
+def owned_packet(data: bytes, number: int) -> av.Packet | None:
+    """A packet with this time stamp in a buffer of FFmpeg's own; None, which asks for what is held back, for no data.
+
+    avcodec_send_packet reads up to 64 bytes past the end, and from other threads: PyAV's packet around Python's bytes
+    has no such room, and the process may crash.
+    """
     if not data:
         return None
-    packet = av.Packet(data)
+    packet = av.Packet(len(data))
+    packet.update(data)
     packet.pts = packet.dts = number
     return packet
 
@@ -60,7 +66,7 @@ def _mux(stream: RecordedStream, path: Path) -> None:
         with av.open(str(stream.raw), format="hevc") as source, av.open(str(path), "w") as container:
             track = container.add_stream_from_template(source.streams.video[0])
             for tick, key, data in zip(ticks.tolist(), stream.keyframe.tolist(), _packets(stream), strict=True):
-                packet = _packet(data, tick)
+                packet = owned_packet(data, tick)
                 packet.time_base, packet.is_keyframe, packet.stream = Fraction(1, CLOCK), key, track
                 container.mux(packet)
     except av.FFmpegError as error:
