@@ -8,6 +8,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 _Choice = tuple[float, float, float]  # length, amplitude, noise
+_SWEEPS = 10
+_WIDE = 1e4  # times a prior's variance: as good as none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,6 +86,25 @@ def _means_without_each(parts: Sequence[Normal], prior: np.ndarray, sigma: float
     whole = Normal.sum(parts)
     rests = (Normal(A=whole.A - p.A, b=whole.b - p.b, c=0.0, count=0.0) for p in parts)
     return np.array([posterior(rest, prior, sigma).mean for rest in rests])
+
+
+def independent(parts: Sequence[Normal], prior: np.ndarray, sigma: float, least: float) -> float:
+    """How many residuals make one independent one, at least `least`, from how far parts of the data pull apart.
+
+    `f = sum_b g_b^T C g_b / sum_b tr(C (A_b - A_b A^-1 A_b)) sigma^2`, with the pulls g_b = (b_b - A_b a) / sigma^2 of
+    the parts on what they would choose together without a prior, and C the posterior's covariance where the data count
+    as 1/f as many. Independent residuals give 1 (the cluster-robust variance of Liang and Zeger 1986, as one number);
+    errors alike in neighbouring points and frames, or a wrong model, let each part pull its own way.
+    """
+    whole, factor = Normal.sum(parts), least
+    free = posterior(whole, _WIDE * prior, sigma)
+    pulls = np.array([n.b - n.A @ free.mean for n in parts]) / sigma
+    apart = sum(n.A - n.A @ free.covariance @ n.A / sigma**2 for n in parts)
+    for _ in range(_SWEEPS if len(parts) > 1 else 0):
+        C = posterior(whole.thinned(factor), prior, sigma).covariance
+        expected = max(float((C * apart).sum()), 1e-300)
+        factor = max(least, np.sqrt(factor * np.einsum("bk,kl,bl", pulls, C, pulls) / expected))
+    return float(factor)
 
 
 def noise_level(normal: Normal, prior: np.ndarray, sigma: float, steps: int = 8) -> float:

@@ -9,7 +9,7 @@ from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
 from sim.checks import require
 from sim.energy import Energy
-from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, posterior
+from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
@@ -76,7 +76,7 @@ class Fit:
     lame: Lame
     state: FitState
     equilibrium: Equilibrium
-    log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu
+    log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu; see `sim.evidence.independent`
     determined: np.ndarray  # (N,) 0: only the prior speaks, 1: only the data; see `_determined`
     mean_sd: float  # posterior standard deviation of the mean of log mu
     centre: float  # log mu where the coefficients vanish
@@ -113,7 +113,9 @@ def fit(
         if progress is not None:
             progress(state)
     frames = frames or normal_equations(energy, target, basis, state)
-    factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    least = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    prior = basis.prior(state.length, state.amplitude)
+    factor = independent(in_parts(frames, _PARTS), prior, state.sigma, least)
     return _result(energy, target, basis, solver, state, Normal.sum(frames).thinned(factor))
 
 

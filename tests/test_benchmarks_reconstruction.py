@@ -116,9 +116,14 @@ def test_stiffness_is_compared_up_to_a_factor(filmed, tmp_path):
         x=x, lame=Lame(mu=mu, lam=mu), volume=np.ones(len(x)), fixed=np.zeros(len(x), bool),
         surface=np.ones(len(x), bool),
     )  # fmt: skip
-    obj.save(writable_folder(tmp_path / "material") / "object.vtkhdf")
-    agree, spans, given = map(float, re.findall(r"[\d.]+", stiffness_row("leaf", tmp_path, truth).figure))
-    assert agree == 1 and spans == pytest.approx(given, abs=0.11)
+    mu[1::4] *= np.exp(2 * 0.1)
+    static = {**obj.static, "log_mu_sd": np.full(len(x), 0.1)}
+    stored = Sequence(time=np.zeros(1), points=x[None], static=static, attributes=obj.attributes)
+    write_sequence(writable_folder(tmp_path / "material") / "object.vtkhdf", stored)
+    figure = stiffness_row("leaf", tmp_path, truth).figure
+    agree, spans, given, hold = map(float, re.findall(r"[\d.]+", figure))
+    assert agree == pytest.approx(1, abs=0.05) and spans == pytest.approx(given, abs=0.11)
+    assert hold == pytest.approx(75, abs=1)  # every fourth is off by two of its standard deviations
 
 
 def test_quick_and_full_measure_the_same(tmp_path):

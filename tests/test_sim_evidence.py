@@ -6,20 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.evidence import Normal, best_hyperparameters, in_parts, jackknife, posterior
+from sim.evidence import Normal, best_hyperparameters, in_parts, independent, jackknife, posterior
 
 PARTS, EACH = 8, 40
 PRIOR = np.full(3, 100.0)
 
 
-def repeated(shared: float, draws: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Estimates (R, 3) over repetitions, and the mean sd of jackknife and posterior, each (3,).
+def repeated(shared: float, draws: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Scatter of estimates over repetitions, and the mean sd by jackknife, posterior, and posterior of the data
+    counted as `independent` says, each (3,).
 
     shared: share of the noise's variance that all data of a part have in common.
     """
     rng = np.random.default_rng(0)
     J = rng.normal(size=(PARTS, EACH, 3)) + 0.5
-    means, jack, told = [], [], []
+    means, jack, told, thinned = [], [], [], []
     for _ in range(draws):
         own, common = rng.normal(size=(PARTS, EACH)), rng.normal(size=(PARTS, 1))
         z = J @ [1.0, -2.0, 0.5] + np.sqrt(1 - shared) * own + np.sqrt(shared) * common
@@ -29,20 +30,40 @@ def repeated(shared: float, draws: int = 200) -> tuple[np.ndarray, np.ndarray, n
         means.append(found.mean)
         told.append(np.sqrt(np.diagonal(found.covariance)))
         jack.append(jackknife(parts, PRIOR, 1.0))
-    return np.std(means, axis=0), np.mean(jack, axis=0), np.mean(told, axis=0)
+        fewer = whole.thinned(independent(parts, PRIOR, 1.0, 0.1))
+        thinned.append(np.sqrt(np.diagonal(posterior(fewer, PRIOR, 1.0).covariance)))
+    return np.std(means, axis=0), np.mean(jack, axis=0), np.mean(told, axis=0), np.mean(thinned, axis=0)
 
 
 def test_jackknife_tells_the_scatter_under_white_noise():
-    scatter, jack, told = repeated(0.0)
+    scatter, jack, told, thinned = repeated(0.0)
     assert told == pytest.approx(scatter, rel=0.15)
     assert jack == pytest.approx(scatter, rel=0.15)
+    assert thinned == pytest.approx(scatter, rel=0.15)
 
 
 def test_jackknife_tells_the_scatter_where_errors_are_alike_within_a_part():
     """There the posterior, which takes all data for independent, is far too sure."""
-    scatter, jack, told = repeated(0.5)
+    scatter, jack, told, thinned = repeated(0.5)
     assert (told < 0.75 * scatter).all()
     assert jack == pytest.approx(scatter, rel=0.25)
+    assert np.linalg.norm(thinned) == pytest.approx(np.linalg.norm(scatter), rel=0.2)  # one number for all of them
+
+
+def test_what_only_the_prior_holds_back_is_no_contradiction():
+    """A narrow prior leaves every part the same wish, which says nothing against their independence."""
+    rng = np.random.default_rng(4)
+    J = rng.normal(size=(PARTS, EACH, 3))
+    z = J @ [3.0, -3.0, 3.0] + rng.normal(size=(PARTS, EACH))
+    parts = [Normal(A=j.T @ j, b=j.T @ y, c=float(y @ y), count=EACH) for j, y in zip(J, z, strict=True)]
+    wide, narrow = (independent(parts, np.full(3, v), 1.0, 0.1) for v in (100.0, 0.01))
+    assert wide < 2 and narrow < 3 * wide
+
+
+def test_data_that_tell_nothing_contradict_nothing():
+    nothing = [Normal(A=np.zeros((2, 2)), b=np.zeros(2), c=1.0, count=4) for _ in range(3)]
+    assert independent(nothing, np.ones(2), 1.0, 1.7) == 1.7
+    assert independent(nothing[:1], np.ones(2), 1.0, 1.7) == 1.7
 
 
 @dataclass(frozen=True)
