@@ -20,7 +20,6 @@ from recon.radiance.training import Trained, TrainOptions, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
 from sim.terms.shapes import Mesh
-from veo_ti.object import VirtualElasticObject
 from veo_ti.observation_files import PLUSH_FRAME_RATE
 from veo_ti.reconstruction.rerender import Rerenderer
 from veo_ti.reconstruction.run import ReconstructChoice, capture_of, judged_frames, judging_views
@@ -215,13 +214,14 @@ def truth_row(shape: str, found: dict, out: Path, truth: Truth) -> Row:
 
 def stiffness_row(shape: str, out: Path, truth: Truth) -> Row:
     """Whether points are stiff where the body truly is: forces are known up to scale, so a common factor is free."""
-    obj, stored = VirtualElasticObject.load(out / "material"), read_sequence(out / "material" / "object.vtkhdf")
-    free = ~obj.fixed
-    true = truth.mu[cKDTree(truth.rest).query(obj.x[free])[1]]
-    off = np.log(obj.lame.mu[free] / true)
-    agree = np.corrcoef(np.log(true), np.log(obj.lame.mu[free]))[0, 1]
-    found, given = (np.diff(np.quantile(np.log10(m), (0.05, 0.95)))[0] for m in (obj.lame.mu[free], true))
-    hold = np.abs(off - np.median(off)) < 1.96 * stored.static["log_mu_sd"][free]
+    static = read_sequence(out / "material" / "object.vtkhdf").static
+    free = ~static["fixed"].astype(bool)
+    x, mu, sd = (static[name][free] for name in ("x", "mu", "log_mu_sd"))
+    true = truth.mu[cKDTree(truth.rest).query(x)[1]]
+    off = np.log(mu / true)
+    agree = np.corrcoef(np.log(true), np.log(mu))[0, 1]
+    found, given = (np.diff(np.quantile(np.log10(m), (0.05, 0.95)))[0] for m in (mu, true))
+    hold = np.abs(off - np.median(off)) < 1.96 * sd
     return Row(
         what=f"Material, {shape}: correlation of log mu with the truth, and decades that nine points in ten span; "
         "points whose 95 % interval holds the truth",

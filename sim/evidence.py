@@ -91,16 +91,18 @@ def _means_without_each(parts: Sequence[Normal], prior: np.ndarray, sigma: float
 def independent(parts: Sequence[Normal], prior: np.ndarray, sigma: float, least: float) -> float:
     """How many residuals make one independent one, at least `least`, from how far parts of the data pull apart.
 
-    `f = sum_b g_b^T C g_b / sum_b tr(C (A_b - A_b A^-1 A_b)) sigma^2`, with the pulls g_b = (b_b - A_b a) / sigma^2 of
+    `f = sigma^2 sum_b g_b^T C g_b / sum_b tr(C (A_b - A_b A^-1 A_b))`, with the pulls g_b = (b_b - A_b a) / sigma^2 of
     the parts on what they would choose together without a prior, and C the posterior's covariance where the data count
     as 1/f as many. Independent residuals give 1 (the cluster-robust variance of Liang and Zeger 1986, as one number);
     errors alike in neighbouring points and frames, or a wrong model, let each part pull its own way.
     """
+    if len(parts) < 2:
+        return least
     whole, factor = Normal.sum(parts), least
     free = posterior(whole, _WIDE * prior, sigma)
     pulls = np.array([n.b - n.A @ free.mean for n in parts]) / sigma
     apart = sum(n.A - n.A @ free.covariance @ n.A / sigma**2 for n in parts)
-    for _ in range(_SWEEPS if len(parts) > 1 else 0):
+    for _ in range(_SWEEPS):
         C = posterior(whole.thinned(factor), prior, sigma).covariance
         expected = max(float((C * apart).sum()), 1e-300)
         factor = max(least, np.sqrt(factor * np.einsum("bk,kl,bl", pulls, C, pulls) / expected))

@@ -112,11 +112,7 @@ def fit(
         state = _step(energy, target, basis, solver, state, frames)
         if progress is not None:
             progress(state)
-    frames = frames or normal_equations(energy, target, basis, state)
-    least = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    prior = basis.prior(state.length, state.amplitude)
-    factor = independent(in_parts(frames, _PARTS), prior, state.sigma, least)
-    return _result(energy, target, basis, solver, state, Normal.sum(frames).thinned(factor))
+    return _result(energy, target, basis, solver, state, frames or normal_equations(energy, target, basis, state))
 
 
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
@@ -209,10 +205,14 @@ def _step(
     return replace(state, done=True)
 
 
-def _result(energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, normal: Normal) -> Fit:
+def _result(
+    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, frames: list[Normal]
+) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
     prior = basis.prior(state.length, state.amplitude)
+    least = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    normal = Normal.sum(frames).thinned(independent(in_parts(frames, _PARTS), prior, state.sigma, least))
     covariance = posterior(normal, prior, state.sigma).covariance
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations

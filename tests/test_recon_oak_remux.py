@@ -21,7 +21,7 @@ def guarded(data):  # the last byte is the last of a page, and what follows may 
 decoder = av.CodecContext.create("hevc", "r")
 decoder.thread_type = "AUTO"
 packets = [owned_packet(guarded(data), number) for number, data in enumerate(clip(COLOUR, 8))]
-print([frame.pts for packet in [*packets, None] for frame in decoder.decode(packet)])
+assert [frame.pts for packet in [*packets, None] for frame in decoder.decode(packet)] == list(range(8))
 """
 
 
@@ -29,4 +29,4 @@ def test_decoder_may_read_past_the_end_of_a_packet():
     """FFmpeg's bit readers do, by up to 64 bytes: given Python's own bytes the process crashes now and then."""
     command = [sys.executable, "-c", "import sys; sys.path.insert(0, 'tests')\n" + ON_FORBIDDEN_PAGES]
     done = subprocess.run(command, cwd=Path(__file__).parent.parent, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout.strip()) == (0, str(list(range(8)))), done.stderr
+    assert done.returncode == 0, done.stderr
