@@ -26,6 +26,7 @@ help:
 	@echo "make lint   ruff only"
 	@echo "make bench  the table of timings, printed as markdown"
 	@echo "make blind  $(TRIALS) measurements with a hidden effect each, diagnosed; the tables go to out/blind"
+	@echo "            (SEED=1000 JOBS=2 MIX=default; EFFECT=softening or SETTING=outliers in every one)"
 	@echo "make clean  remove .venv, caches and out/"
 
 demo: $(VENV)/.ready
@@ -47,7 +48,8 @@ bench: $(VENV)/.ready-test
 
 blind: $(VENV)/.ready-test
 	$(IN_HERE) PYTHONPATH=tests OMP_NUM_THREADS=1 $(BIN)/python -m blind.run \
-		--trials $(TRIALS) --first-seed $(SEED) --jobs $(JOBS) --mix $(MIX) --out out/blind
+		--trials $(TRIALS) --first-seed $(SEED) --jobs $(JOBS) --mix $(MIX) \
+		$(if $(EFFECT),--effect $(EFFECT)) $(if $(SETTING),--setting $(SETTING)) --out out/blind
 
 clean:
 	$(IN_HERE) rm -rf .venv out build dist .pytest_cache .ruff_cache .hypothesis .benchmarks

@@ -12,9 +12,10 @@ from benchmarks.table import Row
 from sim.adam import fit_adam
 from sim.basis import FitOptions
 from sim.energy import Energy
-from sim.fit import FitState, Target, fit, guess_modulus
+from sim.fit import FitState, fit, guess_modulus
 from sim.lame import Lame
 from sim.newton import equilibrate
+from sim.target import Target
 
 _NOISE = 0.01  # spacings: a good tracker
 _FORCE = 4000.0  # [N], moves the free end by an eighth of the bar's length

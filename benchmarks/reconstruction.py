@@ -150,10 +150,12 @@ def _moving(place: Path, plan: Plan) -> tuple[Filmed, str]:
 
 
 def _recorded(folder: Path, options: RigOptions) -> Path:
-    """Made where it is not there yet, with the true mattes."""
-    if not (folder / "capture").exists():
-        make_rig(folder, options)
-        lend_mattes(folder)
+    """Made where it is not there yet, with the true mattes; one that was begun is gone on with."""
+    if not folder.exists():
+        begun = folder.with_name(f"{folder.name}.begun")
+        make_rig(begun, options)
+        lend_mattes(begun)
+        begun.rename(folder)
     return folder
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from sim.adjoint import implicit_gradient, truncated_gradient
 from sim.energy import Energy
-from sim.fit import Target
 from sim.lame import Lame
 from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.target import Target
 
 _BETAS = (0.9, 0.999)
 

@@ -14,46 +14,10 @@ from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
+from sim.target import Target
 
 _DIFFER = 0.05  # share of their square in which loads differ between frames, to be told by that
 _PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Target:
-    """Observed positions in correspondence: only rows where `seen` is set enter the loss."""
-
-    y: np.ndarray  # (T, N, 3) [m]
-    seen: np.ndarray  # (T, N) bool
-    sigma: float | None = None  # noise per coordinate [m]; None: estimated with the fit
-
-    def residual(self, y: np.ndarray) -> np.ndarray:
-        """Observed minus simulated, (T, N, 3), zero where nothing was seen."""
-        return np.where(self.seen[..., None], self.y - y, 0.0)
-
-    def differing(self, u: np.ndarray) -> np.ndarray:
-        """A motion (T, N, 3) without its mean over the frames in which a point was seen; zero where it was not."""
-        seen = self.seen[..., None]
-        u = np.where(seen, u, 0.0)
-        return np.where(seen, u - u.sum(axis=0) / np.maximum(seen.sum(axis=0), 1), 0.0)
-
-    def loss(self, y: np.ndarray) -> tuple[float, np.ndarray]:
-        """sum |y - x*|^2 over the seen points, and its derivative: the paper's L."""
-        r = self.residual(y)
-        return float((r**2).sum()), -2 * r
-
-    def frames(self, index: np.ndarray) -> "Target":
-        """The chosen frames."""
-        return replace(self, y=self.y[index], seen=self.seen[index])
-
-    @property
-    def count(self) -> int:
-        """The number of observed coordinates."""
-        return 3 * int(self.seen.sum())
-
-    def rms(self, y: np.ndarray) -> float:
-        """Root mean square residual per coordinate [m]."""
-        return float(np.sqrt((self.residual(y) ** 2).sum() / self.count))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +29,7 @@ class FitState:
     amplitude: float  # prior standard deviation of log mu
     sigma: float  # noise [m]
     y: np.ndarray  # (T, N, 3)
-    objective: tuple[float, ...]
+    objective: tuple[float, ...]  # after each step, with the data counted as in that step
     done: bool = False
 
 
@@ -100,7 +64,8 @@ def fit(
     mu [Pa]: first guess of the shear modulus; guess (K,): coefficients of an earlier fit around the same mu.
     Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a smooth field, with explicit sensitivities;
     the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so the field
-    becomes no rougher than the noise allows. `progress` sees the state after every step; pass one back in to resume.
+    becomes no rougher than the noise allows; data count by how independent they are (`sim.evidence.independent`).
+    `progress` sees the state after every step; pass one back in to resume.
     """
     options = options or FitOptions()
     basis = Basis.of(energy.elastic.cloud, options, mu)
@@ -183,8 +148,7 @@ def _step(
     While the residual is far above the noise the data count less (sigma is at least half the residual), which keeps
     directions that only the noise would decide from running ahead of the linearisation.
     """
-    factor = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    parts = [part.thinned(factor) for part in in_parts(frames, _PARTS)]
+    parts, factor = _counted(target, basis, state, frames)
     state = best_hyperparameters(parts, basis, state, target.sigma, floor=0.5 * target.rms(state.y))
     before = _objective(target, basis, state, factor)
     change = posterior(Normal.sum(parts), basis.prior(state.length, state.amplitude), state.sigma).mean - state.a
@@ -205,14 +169,21 @@ def _step(
     return replace(state, done=True)
 
 
+def _counted(target: Target, basis: Basis, state: FitState, frames: list[Normal]) -> tuple[list[Normal], float]:
+    """The data in parts, counted as 1/factor as many, and that factor: see `sim.evidence.independent`."""
+    parts, prior = in_parts(frames, _PARTS), basis.prior(state.length, state.amplitude)
+    least = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
+    factor = independent(parts, prior, state.sigma, least)
+    return [part.thinned(factor) for part in parts], factor
+
+
 def _result(
     energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, frames: list[Normal]
 ) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
     prior = basis.prior(state.length, state.amplitude)
-    least = design_effect(target.residual(state.y), target.seen, basis.field.modes[:, 1:])
-    normal = Normal.sum(frames).thinned(independent(in_parts(frames, _PARTS), prior, state.sigma, least))
+    normal = Normal.sum(_counted(target, basis, state, frames)[0])
     covariance = posterior(normal, prior, state.sigma).covariance
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations

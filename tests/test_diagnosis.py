@@ -7,9 +7,9 @@ import pytest
 import sim_cases
 
 from sim.basis import Basis, FitOptions
-from sim.fit import Target
 from sim.lame import Lame
 from sim.newton import NewtonOptions, equilibrate
+from sim.target import Target
 from sim.terms.jet import Jet, jet_forces
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter

@@ -7,9 +7,9 @@ import sim_cases
 from sim.adam import fit_adam
 from sim.elastic import Elastic
 from sim.energy import Energy
-from sim.fit import Target
 from sim.lame import Lame
 from sim.newton import equilibrate
+from sim.target import Target
 
 LOADS = np.array([[0.0, 0.01, -0.03], [0.05, -0.02, 0.01]])  # [N] on a body of about 1 Pa
 

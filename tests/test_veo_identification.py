@@ -1,5 +1,7 @@
 """From a measurement to an object: better than its baselines, resumable, honest about what it holds."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -61,14 +63,22 @@ def test_interrupted_run_goes_on_where_it_stopped(observation, identified, tmp_p
 
 def test_folder_holds_everything_and_the_checkpoint_is_gone(observation, identified, tmp_path):
     (tmp_path / "checkpoint_field.npz").write_bytes(b"")
-    metrics = write_identification(identified, observation, tmp_path)
+    write_identification(identified, observation, tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert {"object.vtkhdf", "metrics.json", "report.html", "mu.png", "mu.mp4", "error_over_time.png"} <= names
     assert not any(name.startswith("checkpoint") for name in names)
     stored = read_sequence(tmp_path / "object.vtkhdf")
     np.testing.assert_array_equal(stored.static["mu"], identified.object.lame.mu)
     assert len(stored.time) == len(observation.time)
-    assert "kPa" in sentence(metrics)
+
+
+def test_sentence_tells_what_nine_points_in_ten_have_and_how_well_it_is_known(identified):
+    low, high = re.search(r"modulus of (\S+) to (\S+) kPa", sentence(identified.metrics)).groups()
+    mu = identified.object.lame.mu / 1e3
+    assert np.mean((mu > 0.995 * float(low)) & (mu < 1.005 * float(high))) == pytest.approx(0.9, abs=0.02)
+    factor = float(re.search(r"within a factor of (\S+) \(95 %\)", sentence(identified.metrics))[1])
+    off = 1.96 * identified.fit.log_mu_sd
+    assert np.mean(off < np.log(factor)) == pytest.approx(0.5, abs=0.1)
 
 
 def test_a_gain_that_may_be_chance_is_called_so(identified):

@@ -8,9 +8,9 @@ import numpy as np
 from recon.metrics import DistanceTable, distance_table
 from sim.checks import require
 from sim.energy import Energy
-from sim.fit import Target
 from sim.follower import equilibrate_follower
 from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
+from sim.target import Target
 from sim.terms.loads import AppliedForce
 from veo_ti.object import VirtualElasticObject
 from veo_ti.observation import Observation

@@ -11,7 +11,8 @@ import numpy as np
 from sim.basis import FitOptions
 from sim.cloud import CloudOptions, RestCloud
 from sim.energy import Energy
-from sim.fit import Fit, FitState, Target, check_gradient, fit, guess_modulus
+from sim.fit import Fit, FitState, check_gradient, fit, guess_modulus
+from sim.target import Target
 from veo_ti.checkpoint import read_state, write_state
 from veo_ti.evaluation import Evaluation, judged, unmoved
 from veo_ti.held_out import interval
@@ -75,7 +76,8 @@ class Identification:
             "status": self.fit.sentence + ("" if self.stream is None else self.stream.sentence),
             "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
             "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,
-            "determined": _spread(self.fit.determined), "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
+            "log_mu_sd": _spread(self.fit.log_mu_sd), "determined": _spread(self.fit.determined),
+            "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
             "force_scale_known": self.object.force_scale_known,
             "footprint_mm": None if self.observation.jet is None else 1e3 * self.observation.jet.footprint, "frames": {
                 "training": self.train.tolist(), "held_out": self.held_out.tolist(),
@@ -228,4 +230,5 @@ def _or_none(number: Callable[[np.ndarray], float], frames: np.ndarray) -> float
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
-    return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
+    p5, median, p95 = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
+    return {"min": float(values.min()), "p5": p5, "median": median, "p95": p95, "max": float(values.max())}

@@ -49,13 +49,15 @@ def remove_checkpoints(folder: Path) -> None:
 def sentence(metrics: dict) -> str:
     """The result in one plain sentence."""
     mu, unexplained = metrics["mu_pa"], metrics["noise_mm"] * np.sqrt(8 / np.pi)
+    factor = np.exp(1.96 * metrics["log_mu_sd"]["median"])
     source = "the measurement's noise" if metrics["noise_given"] else "noise, or physics that the model lacks,"
     scale = "" if metrics["force_scale_known"] else " Forces are known up to scale only, so the moduli are relative."
     held = metrics["error_mm"]["held_out"] or metrics["error_mm"]["training"]
     plain = metrics["error_mm_homogeneous"]["held_out"] or metrics["error_mm_homogeneous"]["training"]
     where = "on frames it never saw" if metrics["error_mm"]["held_out"] else "on the frames it was fitted to"
     return (
-        f"The shear modulus runs from {mu['min'] / 1e3:.3g} to {mu['max'] / 1e3:.3g} kPa; the simulation is "
+        f"Nine points in ten have a shear modulus of {mu['p5'] / 1e3:.3g} to {mu['p95'] / 1e3:.3g} kPa, at the median "
+        f"point known to within a factor of {factor:.2g} (95 %); the simulation is "
         f"{held['mean']:.2f} mm from the measurement {where} (one homogeneous material: {plain['mean']:.2f} mm), "
         f"of which {source} makes about {unexplained:.2f} mm.{scale}"
     )
@@ -134,14 +136,14 @@ def _error_section(metrics: dict, pictures: dict[str, Path]) -> Section:
 
 def _material_section(result: Identification, metrics: dict, pictures: dict[str, Path]) -> Section:
     rows = [
-        [name, *(metrics[key][part] / scale for part in ("min", "median", "max"))]
+        [name, *(metrics[key][part] / scale for part in ("min", "p5", "median", "p95", "max"))]
         for name, key, scale in (
             ("mu [kPa]", "mu_pa", 1e3), ("lam [kPa]", "lam_pa", 1e3), ("Young's modulus [kPa]", "young_pa", 1e3),
             ("Poisson's ratio", "poisson", 1.0),
         )
     ]  # fmt: skip
     text = "The material over the object: dark is soft, bright is stiff."
-    table = Table(columns=["", "smallest", "median", "largest"], rows=rows)
+    table = Table(columns=["", "smallest", "5 %", "median", "95 %", "largest"], rows=rows)
     shown = [pictures[name] for name in ("mu", "lam", "turntable")]
     return Section(heading="The material", text=text, table=table, pictures=shown)
 

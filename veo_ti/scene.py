@@ -7,9 +7,10 @@ import numpy as np
 from sim.cloud import CloudOptions, RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
-from sim.fit import Target, guess_modulus
+from sim.fit import guess_modulus
 from sim.follower import Load, deformed_area
 from sim.lame import Lame
+from sim.target import Target
 from sim.terms.base import Term
 from sim.terms.handles import Handles
 from sim.terms.jet import Jet, jet_forces

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fit import Target
+from sim.target import Target
 from veo_ti.held_out import interval
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from sim.cloud import RestCloud
 from sim.energy import Energy
-from sim.fit import Target
 from sim.laws.history import Memory
 from sim.recollection import Recollection
 from sim.sensitivity import responses
+from sim.target import Target
 from sim.terms.jet import Jet, jet_forces, told_area
 from sim.vibration import Vibrations
 from veo_ti.observation import Observation
