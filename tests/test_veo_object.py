@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from sim.lame import Lame
+from sim.terms.contact import Contact, contact_alpha
+from sim.terms.shapes import Sphere
 from veo_ti.body import sample_box
 from veo_ti.object import VirtualElasticObject
 
@@ -72,3 +74,23 @@ def test_object_that_nothing_holds_is_refused(beam):
     )
     with pytest.raises(ValueError, match="could otherwise move rigidly"):
         loose.simulate(loose.push(np.ones((300, 3))))
+
+
+def test_gradual_loads_lead_to_the_same_pose_where_there_is_only_one(beam):
+    push = beam.push_at([0.2, 0.025, 0.05], np.linspace(0, 1, 4)[:, None] * [0.0, 0.02, -0.05], radius=0.02)
+    at_once, gradual = beam.simulate(push), beam.simulate(push, gradual=True)
+    assert gradual.converged
+    np.testing.assert_allclose(gradual.y, at_once.y, atol=1e-9)
+
+
+def test_a_ball_that_goes_slowly_pushes_the_beam_before_it(beam):
+    """It ends below where the beam was; put there at once, it drives the beam out at its nearer side, above."""
+    radius, frames = 0.04, 12
+    tip = np.array([0.2, 0.025, 0.05])
+    way = tip + np.linspace(radius, -1.4 * radius, frames)[:, None] * [0, 0, 1]
+    alpha = contact_alpha(float(np.median(beam.lame.mu)), beam.cloud.spacing)
+    ball = Contact(shape=Sphere(radius=radius), volume=beam.cloud.volume, alpha=alpha, position=way)
+    at_once, gradual = beam.simulate(ball, frames=frames), beam.simulate(ball, frames=frames, gradual=True)
+    assert gradual.converged
+    end = np.linalg.norm(beam.x - tip, axis=1).argmin()
+    assert gradual.y[-1, end, 2] < way[-1, 2] < at_once.y[-1, end, 2]

@@ -136,7 +136,7 @@ def simulate_object(
     for text in contacts:
         shape, position = collider_of(text, ramp)
         terms.append(Contact(shape=shape, volume=obj.cloud.volume, alpha=alpha, position=position))
-    result = obj.simulate(*terms, frames=steps)
+    result = obj.simulate(*terms, frames=steps, gradual=True)
     moved = 1e3 * np.linalg.norm(result.y - obj.x, axis=2)
     with SequenceWriter(out / "simulation.vtkhdf", static=obj.static, attributes=obj.attributes) as writer:
         for t in range(steps):

@@ -11,6 +11,7 @@ from sim.checks import as_array, require
 from sim.cloud import CloudOptions, RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
+from sim.gradual import equilibrate_gradually
 from sim.lame import Lame
 from sim.newton import Equilibrium, NewtonOptions, equilibrate
 from sim.terms.base import Term
@@ -84,10 +85,16 @@ class VirtualElasticObject:
         start: np.ndarray | None = None,
         frames: int | None = None,
         options: NewtonOptions | None = None,
+        gradual: bool = False,
     ) -> Equilibrium:
-        """The equilibrium under the terms; as many frames as `start` (T, N, 3), `frames`, or the longest term has."""
+        """The equilibrium under the terms; as many frames as `start` (T, N, 3), `frames`, or the longest term has.
+
+        gradual: every frame begins where the one before ended, the first at its start (`equilibrate_gradually`).
+        """
         count = frames or max([len(getattr(t, "force", getattr(t, "targets", [0]))) for t in terms], default=1)
         rest = np.repeat(self.x[None], count, axis=0) if start is None else start
+        if gradual:
+            return equilibrate_gradually(self.energy(terms), rest[0], count, options=options)
         return equilibrate(self.energy(terms), rest, options=options)
 
     @cached_property

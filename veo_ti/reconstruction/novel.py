@@ -28,7 +28,7 @@ def film_novel(obj: VirtualElasticObject, renderer: Rerenderer, out: Path) -> di
     top = obj.x[np.argmax(np.where(obj.surface, obj.x[:, 1], -np.inf))]
     ramp = np.linspace(0, 1, STEPS + 1)
     force = _push_force(obj, top, _PUSHED * height, 0.15 * height)
-    pushed = obj.simulate(obj.push_at(top, ramp[:, None] * force, 0.15 * height), frames=len(ramp))
+    pushed = obj.simulate(obj.push_at(top, ramp[:, None] * force, 0.15 * height), frames=len(ramp), gradual=True)
     write_film(
         (shown(renderer.picture(y, camera).colour) for y in _there_and_back(pushed.y)),
         camera.size, out / "push.mp4", _FPS,
@@ -36,7 +36,8 @@ def film_novel(obj: VirtualElasticObject, renderer: Rerenderer, out: Path) -> di
     ball, start = Sphere(radius=_BALL * height), top + (_BALL * height + 0.02 * height) * UP
     way = start - ramp[:, None] * (_PRESSED + 0.02) * height * UP
     alpha = contact_alpha(float(np.median(obj.lame.mu)), obj.cloud.spacing)
-    pressed = obj.simulate(Contact(shape=ball, volume=obj.cloud.volume, alpha=alpha, position=way), frames=len(ramp))
+    contact = Contact(shape=ball, volume=obj.cloud.volume, alpha=alpha, position=way)
+    pressed = obj.simulate(contact, frames=len(ramp), gradual=True)
 
     def pictures() -> Iterator[np.ndarray]:
         for y, place in zip(_there_and_back(pressed.y), _there_and_back(way), strict=True):
