@@ -32,6 +32,12 @@ class OtherForce(HiddenForce):
     name = "other_force"
 
 
+class OtherScale(CameraScale):
+    """Likewise."""
+
+    name = "other_scale"
+
+
 @pytest.fixture(scope="module")
 def both() -> Beside:
     return Beside(HiddenForce(), CameraScale())
@@ -173,6 +179,19 @@ def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed
     parts = {part.cause.name: part for part in second.extended.apart()}
     assert parts["camera_scale"].theta[0] == pytest.approx(SCALE[0], abs=4 * parts["camera_scale"].sd[0])
     assert first.verdict.causes[0].refit.theta[0] == parts["camera_scale"].theta[0]
+
+
+def test_where_each_of_two_has_a_twin_it_is_one_of_each(filmed, model):  # noqa: F811
+    wrong = refit(filmed, model, np.zeros(len(model.prior)))
+    modes = model.basis.field.modes[:, :12]
+    causes = [HiddenForce(), OtherForce(), CameraScale(), OtherScale()]
+    alone = replace(look(wrong, model, NOISE**2, modes, causes, lambda text: None), verdict=unexplained(()))
+    said = pairs.two_at_once(alone, lambda c: (model, NOISE**2), modes, causes, lambda text: None, None)
+    assert said is not None
+    assert [r.verdict.kind for r in said] == ["ambiguous", "ambiguous"]
+    sides = {frozenset(c.name for c in r.verdict.causes) for r in said}
+    assert sides == {frozenset(("hidden_force", "other_force")), frozenset(("camera_scale", "other_scale"))}
+    assert all(r.experiment is not None and r.extended is None for r in said)
 
 
 @pytest.mark.parametrize(("alone_there", "names"), [(197.0, ["a"]), (180.0, ["a", "b"])])

@@ -141,13 +141,13 @@ def test_stray_positions_are_mentioned(sound):
 
 
 def test_ambiguous_verdict_names_all_that_it_may_be(pulled):
-    both = pulled.rounds[0].candidates[:2]
-    assert len(both) == 2
-    found = facts(under(pulled, "ambiguous", both))
-    assert [c["name"] for c in found["causes"]] == [c.name for c in both]
-    assert found["ambiguous_with"] == [both[1].name]
-    assert all(c.name.replace("_", " ") in found["sentence"] for c in both)
-    assert "cannot tell" in found["sentence"]
+    one = under(pulled, "ambiguous", both := pulled.rounds[0].candidates[:2])
+    found, twice = facts(one), facts(replace(one, rounds=one.rounds * 2))
+    assert [c["name"] for c in found["causes"]] == [c.name for c in both] and len(both) == 2
+    assert [c["round"] for c in twice["causes"]] == [0, 0, 1, 1]
+    assert found["ambiguous_with"] == twice["ambiguous_with"] == [both[1].name]
+    assert "cannot tell the cause: " in found["sentence"] and "; besides: " in twice["sentence"]
+    assert all(twice["sentence"].count(c.name.replace("_", " ")) == 2 for c in both)
 
 
 def test_what_stands_beside_a_named_cause_may_be_ambiguous(pulled):

@@ -44,16 +44,18 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
 
 
 def _causes(diagnosis: Diagnosis) -> list[dict[str, object]]:
-    """The named causes in order; where the first round cannot tell them apart, all that it may be."""
+    """The named causes in order; where the first round cannot tell them apart, all that it may be, and then all that
+    may be wrong besides."""
     if diagnosis.verdict.kind == "ambiguous":
-        return [_cause(c, c.refit) for c in diagnosis.verdict.causes]
-    return [_cause(c, refit) for c, refit in zip(diagnosis.named, present(diagnosis), strict=True)]
+        return [_cause(c, c.refit, n) for n, found in enumerate(diagnosis.rounds) for c in found.verdict.causes]
+    named = zip(diagnosis.named, present(diagnosis), strict=True)
+    return [_cause(c, refit, n) for n, (c, refit) in enumerate(named)]
 
 
-def _cause(candidate: Candidate, refit: Refit) -> dict[str, object]:
+def _cause(candidate: Candidate, refit: Refit, number: int) -> dict[str, object]:
     cause = refit.cause
     return {
-        "name": cause.name, "sentence": cause.sentence, "place": place(refit),
+        "name": cause.name, "round": number, "sentence": cause.sentence, "place": place(refit),
         "parameters": [
             {
                 "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(value - 1.96 * sd),

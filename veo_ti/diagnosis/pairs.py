@@ -6,12 +6,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.experiment import separating
+from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.leaders import Progress
 from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look
-from veo_ti.diagnosis.verdict import BETTER, EXPLAINED, TOGETHER, Candidate, either, explained_by, named, rivals, stands
+from veo_ti.diagnosis.verdict import (
+    BETTER,
+    CLEAN,
+    EXPLAINED,
+    TOGETHER,
+    Candidate,
+    either,
+    explained_by,
+    named,
+    rivals,
+    stands,
+)
 
 _STARTS, _MOST = 2, 4  # causes that a second one is looked for beside; and with those that explain
 _ALIKE = 0.05  # less at most
@@ -62,7 +73,8 @@ def two_at_once(
     beside those that explain nearly as much; both are refitted together. Then beside the second ones of the best pairs:
     the first one may only imitate what goes with them. Beside one that explains nearly all it may be a shadow, and has
     to be as sure as one beside a named cause. Where all pairs that come near have one cause in common, that one is
-    named and the second round is ambiguous.
+    named and the second round is ambiguous; where each is one of some beside one of others, and the best explains all
+    but noise, both rounds are.
     """
     able = [
         c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
@@ -101,20 +113,48 @@ def two_at_once(
             replace(alone, verdict=named(best.first), extended=best.first.refit, experiment=None),
             replace(best.found, verdict=named(best.second), extended=best.second.refit),
         )
-    shared = frozenset.intersection(*(p.names for p in near))
-    return _one_and_either(alone, near, *shared, say=say) if len(shared) == 1 else None
+    sides = _sides(near)
+    return _each_of(alone, near, *sides, say) if sides else None
 
 
-def _one_and_either(alone: Round, near: Sequence[_Pair], name: str, *, say: Progress) -> tuple[Round, Round]:
-    """The cause that all pairs have in common, and those that could each stand beside it."""
+def _sides(near: Sequence[_Pair]) -> tuple[list[str], list[str]] | None:
+    """The causes of which every pair has one, and the others of which it has one too, best first; the shorter first.
+
+    None where the pairs are not of that kind, or leave too much to say that it must be one of these.
+    """
+    best, *others = near
+    sides, left = ([best.first.name], [best.second.name]), list(others)
+    while left:
+        p = next((p for p in left if not p.names.isdisjoint(sides[0] + sides[1])), None)
+        if p is None:
+            return None
+        left.remove(p)
+        for side, other in (sides, sides[::-1]):
+            if not p.names.isdisjoint(other):
+                side += sorted(p.names - {*side, *other})
+    single = min(map(len, sides)) == 1
+    apart = all(len(p.names & set(side)) == 1 for p in near for side in sides)
+    if not apart or not (single or best.second.misfit.z < CLEAN):
+        return None
+    return sides if len(sides[0]) <= len(sides[1]) else sides[::-1]
+
+
+def _each_of(
+    alone: Round, near: Sequence[_Pair], some: Sequence[str], others: Sequence[str], say: Progress
+) -> tuple[Round, Round]:
+    """The cause that all pairs have in common, or those of which each has one, and those that could stand beside it."""
     say("what would tell them apart")
     best, joint = near[0], near[0].second.refit
-    others = [p.part(other) for p in near for other in p.names - {name}]
-    experiment = separating(joint.taken_in(), others[0].refit, others[1].refit, best.model, best.found.s2)
-    return (
-        replace(alone, verdict=named(best.part(name)), extended=joint, experiment=None),
-        replace(best.found, verdict=either(others), extended=joint, experiment=experiment),
-    )
+    first, second = ([next(p for p in near if n in p.names).part(n) for n in side] for side in (some, others))
+
+    def told(those: Sequence[Candidate]) -> Experiment | None:
+        return separating(joint.taken_in(), those[0].refit, those[1].refit, best.model, best.found.s2)
+
+    if len(first) == 1:
+        one, extended = replace(alone, verdict=named(first[0]), extended=joint, experiment=None), joint
+    else:
+        one, extended = replace(alone, verdict=either(first), extended=None, experiment=told(first)), None
+    return one, replace(best.found, verdict=either(second), extended=extended, experiment=told(second))
 
 
 def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:

@@ -60,6 +60,8 @@ def _named(found: Mapping) -> list[Section]:
     heading = "The cause and its size"
     if found["ambiguous_with"]:
         heading, text = "What it may be", f"Each of these would do, and this measurement cannot choose. {text}"
+        if found["causes"][-1]["round"]:
+            text = f"Two things are wrong, each of them one of several. {text}"
     return [Section(heading=heading, text=text, table=Table(columns=columns, rows=rows))]
 
 

@@ -79,9 +79,10 @@ def _gained(diagnosis: Diagnosis, them: str) -> str:
 
 
 def _ambiguous(diagnosis: Diagnosis) -> str:
-    told = [words(c.name) + _of(c.refit) for c in diagnosis.verdict.causes]
-    said = f"The simulation is wrong beyond noise, and this measurement cannot tell the cause: {', or '.join(told)}."
-    return said + _to_tell(diagnosis.rounds[0])
+    told = [", or ".join(words(c.name) + _of(c.refit) for c in r.verdict.causes) for r in diagnosis.rounds]
+    them = "the cause" if len(told) == 1 else "the causes, which are two"
+    said = f"The simulation is wrong beyond noise, and this measurement cannot tell {them}: {'; besides: '.join(told)}."
+    return said + "".join(map(_to_tell, diagnosis.rounds))
 
 
 def _to_tell(found: Round) -> str:
