@@ -26,7 +26,7 @@ help:
 	@echo "make lint   ruff only"
 	@echo "make bench  the table of timings, printed as markdown"
 	@echo "make blind  $(TRIALS) measurements with a hidden effect each, diagnosed; the tables go to out/blind"
-	@echo "            (SEED=1000 JOBS=2 MIX=default; EFFECT=softening or SETTING=outliers in every one)"
+	@echo "            (SEED=$(SEED) JOBS=$(JOBS) MIX=$(MIX); EFFECT=softening or SETTING=outliers in every one)"
 	@echo "make clean  remove .venv, caches and out/"
 
 demo: $(VENV)/.ready

@@ -122,13 +122,9 @@ def _sides(near: Sequence[_Pair]) -> tuple[list[str], list[str]] | None:
 
     None where the pairs are not of that kind, or leave too much to say that it must be one of these.
     """
-    best, *others = near
-    sides, left = ([best.first.name], [best.second.name]), list(others)
-    while left:
-        p = next((p for p in left if not p.names.isdisjoint(sides[0] + sides[1])), None)
-        if p is None:
-            return None
-        left.remove(p)
+    best = near[0]
+    sides = [best.first.name], [best.second.name]
+    for p in near * len(near):  # one that joins others may come after them
         for side, other in (sides, sides[::-1]):
             if not p.names.isdisjoint(other):
                 side += sorted(p.names - {*side, *other})
