@@ -43,7 +43,7 @@ class Plan:
 
     static: RigOptions
     static_resolution: int
-    static_steps: int
+    single: TrainOptions  # of its one frame
     few: RigOptions
     few_test: tuple[str, ...]
     few_steps: int
@@ -61,7 +61,8 @@ class Plan:
 
 
 FULL = Plan(
-    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256, static_steps=2000,
+    static=RigOptions(frames=2, size=480, greys=False), static_resolution=256,
+    single=TrainOptions(canonical_steps=1600, motion_steps=0, field_rate=3e-2),
     few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=1500,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),
@@ -73,7 +74,8 @@ FULL = Plan(
 )  # fmt: skip
 _FEW = TrainOptions(canonical_steps=250, motion_steps=100, samples=4096)
 QUICK = Plan(
-    static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48, static_steps=250,
+    static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48,
+    single=TrainOptions(canonical_steps=250, motion_steps=0),
     few=RigOptions(cameras=6, frames=2, size=96), few_test=("cam0002",), few_steps=100,
     moving=RigOptions(cameras=8, frames=4, size=96, greys=False), resolution=48, short=_FEW, long=_FEW, points=700,
     loop=RigOptions(cameras=8, frames=4, size=96, greys=False), shapes=SHAPES[:1],
@@ -96,7 +98,7 @@ def sections(place: Path, plan: Plan) -> dict[str, Callable[[], list[Row]]]:
 def static_rows(place: Path, plan: Plan) -> list[Row]:
     """One frame at twice the resolution."""
     filmed = Filmed.of(_recorded(place / "static", plan.static), plan.static_resolution, plan.test).only_first_frame()
-    work = timed(filmed, replace(plan.long, canonical_steps=plan.static_steps, motion_steps=0))
+    work = timed(filmed, plan.single)
     return [picture_row(filmed, work, f"One frame, {plan.static_resolution} pixels", least=33, most=30)]
 
 

@@ -194,10 +194,23 @@ def test_rays_end_behind_what_is_opaque_and_show_the_same(occupancy):
     stops.look(field, [1])
     start = torch.tensor([[0.55, 0.55, -1.0], [0.55, 0.55, -1.0], [-0.2, 0.3, -1.0], [0.5, 0.5, 0.65]])
     direction, frame = torch.tensor([[0.0, 0, 1]] * 4), torch.tensor([1, 0, 1, 1])
-    until = stops.until(start, direction, frame)
-    assert 1.6 <= until[0] <= 2.1 and torch.isinf(until[1:]).all()
+    until = stops.span(start, direction, frame)[1]
+    assert 1.6 <= until[0] <= 2.1 and until[1] >= 2.2
     ends = [along(field, full, start, direction, frame, until=u)[0] for u in (until, None)]
     torch.testing.assert_close(ends[0].colour, ends[1].colour, atol=1e-3, rtol=0)
+
+
+def test_rays_that_begin_and_end_around_occupied_cells_lose_no_samples(occupancy):
+    """Along the middles of all columns of cells, where no corner is cut; another one misses all."""
+    x, y = torch.meshgrid(torch.arange(6), torch.arange(5), indexing="ij")
+    columns = torch.stack([0.1 * x + 0.05, 0.1 * y + 0.05, torch.full_like(x, -1.0)], dim=-1).reshape(-1, 3)
+    start = torch.cat([columns, torch.full((1, 3), 3.0)]) + occupancy.origin
+    direction, frame = torch.tensor([[0.0, 0, 1]] * len(start)), torch.arange(len(start)) % 2
+    since, until = Stops.of(occupancy).span(start, direction, frame)
+    whole = march(occupancy, start, direction, frame, step=0.01).rays[:, 1]
+    found = march(occupancy, start, direction, frame, step=0.01, since=since, until=until).rays[:, 1]
+    assert (since[:-1] > 0.9).all() and (found - whole).abs().max() <= 2  # they begin at another phase of the same step
+    assert whole.sum() > 400 and found[-1] == 0
 
 
 def test_a_coarse_cell_is_looked_at_where_any_of_its_parts_is_occupied(occupancy):

@@ -81,15 +81,16 @@ class _Encode(torch.autograd.Function):
     @staticmethod
     def forward(ctx, places, table, layout, level_weight):
         places, table = places.detach().contiguous(), table.detach()
-        out = places.new_empty(len(places), FEATURES * len(layout))
+        out = places.new_empty(len(places), len(layout), FEATURES)
         _kernels(places.dtype).encode(places, table, layout, 2 ** _log2_table(table, layout) - 1, out)
         ctx.save_for_backward(places, table, layout, level_weight)
-        return out
+        return out.flatten(1)
 
     @staticmethod
     def backward(ctx, pulled):
         places, table, layout, level_weight = (v.detach() for v in ctx.saved_tensors)
-        kernels, mask, pulled = _kernels(places.dtype), 2 ** _log2_table(table, layout) - 1, pulled.contiguous()
+        kernels, mask = _kernels(places.dtype), 2 ** _log2_table(table, layout) - 1
+        pulled = pulled.contiguous().view(len(places), len(layout), FEATURES)
         by_place = by_table = None
         if ctx.needs_input_grad[0]:
             by_place = torch.empty_like(places)
@@ -114,36 +115,37 @@ class _Kernels:
 
 @cache
 def _kernels(dtype: torch.dtype) -> _Kernels:
-    """The kernels in one precision."""
+    """The kernels in one precision. Places and a table's rows are vectors, which are loaded at once."""
     real = real_of(dtype)
-    Reals1, Reals2 = arrays_of(real)
-    Layout = ti.types.ndarray(dtype=ti.i32, ndim=2)
-    triple = ti.types.vector(3, real)
+    Reals1, Layout = arrays_of(real)[0], ti.types.ndarray(dtype=ti.i32, ndim=2)
+    row, triple = ti.types.vector(FEATURES, real), ti.types.vector(3, real)
+    Places, Table = (ti.types.ndarray(dtype=v, ndim=1) for v in (triple, row))
+    Features = ti.types.ndarray(dtype=row, ndim=2)
 
     @ti.func
-    def cell(places: ti.template(), n, cells):
+    def cell(place, cells):
         """The place's cell and where in it the place lies, in cells."""
-        p = triple(0)
-        for a in ti.static(range(3)):
-            p[a] = ti.min(ti.max(places[n, a], ti.cast(0, real)), ti.cast(0.999999, real)) * ti.cast(cells, real)
-        corner = ti.cast(ti.floor(p), ti.i32)
+        p = ti.min(ti.max(place, ti.cast(0, real)), ti.cast(0.999999, real)) * ti.cast(cells, real)
+        corner = ti.cast(p, ti.i32)
         return corner, p - ti.cast(corner, real)
 
     @ti.func
-    def entries(layout: ti.template(), level, corner, mask):
+    def entries(cells, first, dense, corner, mask):
         """The rows (8,) of the table for a cell's corners, the first coordinate's changing fastest."""
-        cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2] != 0
-        at = ti.Matrix.zero(ti.u32, 3, 2)
-        for a, upper in ti.static(ti.ndrange(3, 2)):
-            at[a, upper] = ti.cast(corner[a] + upper, ti.u32)
-        stride = ti.cast(cells + 1, ti.u32)
-        for upper in ti.static(range(2)):
-            at[1, upper] *= stride if dense else ti.u32(_PRIMES[0])
-            at[2, upper] *= stride * stride if dense else ti.u32(_PRIMES[1])
+        x, y, z = ti.cast(corner[0], ti.u32), ti.cast(corner[1], ti.u32), ti.cast(corner[2], ti.u32)
         rows = ti.Vector.zero(ti.i32, 8)
-        for c in ti.static(range(8)):
-            x, y, z = at[0, c & 1], at[1, (c >> 1) & 1], at[2, (c >> 2) & 1]
-            rows[c] = first + ti.cast(x + y + z if dense else (x ^ y ^ z) & ti.cast(mask, ti.u32), ti.i32)
+        if dense != 0:
+            stride = ti.cast(cells + 1, ti.u32)
+            lowest = x + stride * (y + stride * z)
+            for c in ti.static(range(8)):
+                upper = ti.u32(c & 1) + (stride if c & 2 else ti.u32(0)) + (stride * stride if c & 4 else ti.u32(0))
+                rows[c] = first + ti.cast(lowest + upper, ti.i32)
+        else:
+            y, z = y * ti.u32(_PRIMES[0]), z * ti.u32(_PRIMES[1])
+            for c in ti.static(range(8)):
+                hashed = (x + ti.u32(c & 1)) ^ (y + ti.u32(_PRIMES[0] if ti.static(c & 2) else 0))
+                hashed ^= z + ti.u32(_PRIMES[1] if ti.static(c & 4) else 0)
+                rows[c] = first + ti.cast(hashed & ti.cast(mask, ti.u32), ti.i32)
         return rows
 
     @ti.func
@@ -151,55 +153,54 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
         return inside[a] if ti.static(upper) else 1 - inside[a]
 
     @ti.kernel
-    def encode(places: Reals2, table: Reals2, layout: Layout, mask: ti.i32, out: Reals2):
+    def encode(places: Places, table: Table, layout: Layout, mask: ti.i32, out: Features):
         for n in range(places.shape[0]):
+            place = places[n]
             for level in range(layout.shape[0]):
-                corner, inside = cell(places, n, layout[level, 0])
-                rows, total = entries(layout, level, corner, mask), ti.Vector.zero(real, FEATURES)
-                for c in ti.static(range(8)):
-                    weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
-                    for k in ti.static(range(FEATURES)):
-                        total[k] += weight * table[rows[c], k]
-                for k in ti.static(range(FEATURES)):
-                    out[n, FEATURES * level + k] = total[k]
+                cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2]
+                corner, inside = cell(place, cells)
+                rows, total = entries(cells, first, dense, corner, mask), row(0)
+                for c in ti.static((0, 2, 4, 6)):
+                    edge = share(inside, 0, 0) * table[rows[c]] + inside[0] * table[rows[c + 1]]
+                    total += share(inside, 1, c & 2) * share(inside, 2, c & 4) * edge
+                out[n, level] = total
 
     @ti.kernel
     def place_gradient(
-        places: Reals2, table: Reals2, layout: Layout, level_weight: Reals1, mask: ti.i32, pulled: Reals2, out: Reals2
+        places: Places, table: Table, layout: Layout, level_weight: Reals1, mask: ti.i32, pulled: Features, out: Places
     ):
         for n in range(places.shape[0]):
-            total = triple(0)
+            place, total = places[n], triple(0)
             for level in range(layout.shape[0]):
-                cells = layout[level, 0]
-                corner, inside = cell(places, n, cells)
-                rows = entries(layout, level, corner, mask)
-                for c in ti.static(range(8)):
-                    value = ti.cast(0, real)
-                    for k in ti.static(range(FEATURES)):
-                        value += table[rows[c], k] * pulled[n, FEATURES * level + k]
-                    value *= ti.cast(cells, real) * level_weight[level]
-                    x, y, z = share(inside, 0, c & 1), share(inside, 1, c & 2), share(inside, 2, c & 4)
-                    total[0] += (1 if ti.static(c & 1) else -1) * value * y * z
-                    total[1] += (1 if ti.static(c & 2) else -1) * value * x * z
-                    total[2] += (1 if ti.static(c & 4) else -1) * value * x * y
+                cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2]
+                corner, inside = cell(place, cells)
+                rows, pull, slope = entries(cells, first, dense, corner, mask), pulled[n, level], triple(0)
+                for c in ti.static((0, 2, 4, 6)):
+                    y, z = share(inside, 1, c & 2), share(inside, 2, c & 4)
+                    lower, upper = table[rows[c]].dot(pull), table[rows[c + 1]].dot(pull)
+                    between = share(inside, 0, 0) * lower + inside[0] * upper
+                    slope[0] += (upper - lower) * y * z
+                    slope[1] += (1 if ti.static(c & 2) else -1) * between * z
+                    slope[2] += (1 if ti.static(c & 4) else -1) * between * y
+                total += ti.cast(cells, real) * level_weight[level] * slope
             for a in ti.static(range(3)):
-                beyond = places[n, a] < 0 or places[n, a] > ti.cast(0.999999, real)
-                out[n, a] = ti.cast(0, real) if beyond else total[a]
+                beyond = place[a] < 0 or place[a] > ti.cast(0.999999, real)
+                out[n][a] = ti.cast(0, real) if beyond else total[a]
 
     @ti.func
     def add_level(
         level, places: ti.template(), layout: ti.template(), mask, pulled: ti.template(), out: ti.template()
     ):  # fmt: skip
+        cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2]
         for n in range(places.shape[0]):
-            corner, inside = cell(places, n, layout[level, 0])
-            rows = entries(layout, level, corner, mask)
-            for c in ti.static(range(8)):
-                weight = share(inside, 0, c & 1) * share(inside, 1, c & 2) * share(inside, 2, c & 4)
-                for k in ti.static(range(FEATURES)):  # no `+=`, which would be atomic
-                    out[rows[c], k] = out[rows[c], k] + weight * pulled[n, FEATURES * level + k]
+            corner, inside = cell(places[n], cells)
+            rows, pull = entries(cells, first, dense, corner, mask), pulled[n, level]
+            for c in ti.static(range(8)):  # no `+=`, which would be atomic
+                weight = share(inside, 0, c & 1) * (share(inside, 1, c & 2) * share(inside, 2, c & 4))
+                out[rows[c]] = out[rows[c]] + weight * pull
 
     @ti.kernel
-    def table_gradient(places: Reals2, layout: Layout, mask: ti.i32, pulled: Reals2, out: Reals2):
+    def table_gradient(places: Places, layout: Layout, mask: ti.i32, pulled: Features, out: Table):
         # One level in one thread: no two threads add to the same entry, and the order of additions is always the same.
         for turn in range(_BLOCK * layout.shape[0]):
             if turn % _BLOCK == 0:

@@ -52,15 +52,15 @@ class Samples:
 
 def march(
     occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, *, step: float,
-    shift: torch.Tensor | None = None, until: torch.Tensor | None = None,
+    shift: torch.Tensor | None = None, since: torch.Tensor | None = None, until: torch.Tensor | None = None,
 ) -> Samples:  # fmt: skip
     """Samples every `step` [m] along rays from `start` (R, 3) [m] in unit `direction` (R, 3) in frames (R,), kept where
     the frame's cell is occupied.
 
-    shift (R,): where in the first step a ray's samples begin, 0 to 1; default the middle. until (R,) [m]: where rays
-    end, such as on something opaque that stands in the field.
+    shift (R,): where in the first step a ray's samples begin, 0 to 1; default the middle. since and until (R,) [m]:
+    where rays begin and end, such as on something opaque that stands in the field.
     """
-    given, rays = _counted(occupancy, start, direction, frame, step, shift, until)
+    given, rays = _counted(occupancy, start, direction, frame, step, shift, since, until)
     rays[:, 0] = torch.cumsum(rays[:, 1], 0) - rays[:, 1]
     total = int(rays[-1].sum()) if len(rays) else 0
     place, depth, ray = torch.zeros(total, 3), torch.zeros(total), torch.zeros(total, dtype=torch.int32)
@@ -72,19 +72,20 @@ def march(
 
 def meets(occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
     """Which rays (R,) bool, as those of `march`, come by an occupied cell, looked at once in a cell's length."""
-    return _counted(occupancy, start, direction, frame, occupancy.spacing, None, None)[1][:, 1] > 0
+    return _counted(occupancy, start, direction, frame, occupancy.spacing, None, None, None)[1][:, 1] > 0
 
 
 def _counted(
     occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, step: float,
-    shift: torch.Tensor | None, until: torch.Tensor | None,
+    shift: torch.Tensor | None, since: torch.Tensor | None, until: torch.Tensor | None,
 ) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:  # fmt: skip
     """What the kernels take, and rays (R, 2) int32 with the number of samples of each."""
     ensure()
     shift = torch.full((len(start),), 0.5) if shift is None else shift
+    since = torch.zeros(len(start)) if since is None else since
     until = torch.full((len(start),), torch.inf) if until is None else until
-    given = start, direction, frame.to(torch.int32), shift, until, occupancy.cells, occupancy.origin.to(torch.float32)
-    given = tuple(v.contiguous() for v in given)
+    given = start, direction, frame.to(torch.int32), shift, since, until, occupancy.cells
+    given = tuple(v.contiguous() for v in (*given, occupancy.origin.to(torch.float32)))
     rays = torch.zeros(len(start), 2, dtype=torch.int32)
     _count(*given, occupancy.spacing, step, rays)
     return given, rays
@@ -125,23 +126,23 @@ def _triple(values: ti.template(), r):
 
 @ti.func
 def ray_in_box(
-    start: ti.template(), direction: ti.template(), until: ti.template(), cells: ti.template(), origin: ti.template(),
-    spacing: ti.f32, r,
+    start: ti.template(), direction: ti.template(), since: ti.template(), until: ti.template(), cells: ti.template(),
+    origin: ti.template(), spacing: ti.f32, r,
 ):  # fmt: skip
-    """Where ray r starts, its direction, the grid's lowest corner, and the depths at which it enters and ends."""
+    """Where ray r starts, its direction, the grid's lowest corner, and the depths at which it begins and ends in it."""
     o, d = _triple(start, r), _triple(direction, r)
     low = triple(origin[0], origin[1], origin[2])
     near, far = _span(o, d, low, low + spacing * triple(cells.shape[1], cells.shape[2], cells.shape[3]))
-    return o, d, low, near, ti.min(far, until[r])
+    return o, d, low, ti.max(near, since[r]), ti.min(far, until[r])
 
 
 @ti.kernel
 def _count(
-    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, until: Reals1, cells: Bytes4, origin: Reals1,
-    spacing: ti.f32, step: ti.f32, rays: Numbers2,
+    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, since: Reals1, until: Reals1, cells: Bytes4,
+    origin: Reals1, spacing: ti.f32, step: ti.f32, rays: Numbers2,
 ):  # fmt: skip
     for r in range(start.shape[0]):
-        o, d, low, near, far = ray_in_box(start, direction, until, cells, origin, spacing, r)
+        o, d, low, near, far = ray_in_box(start, direction, since, until, cells, origin, spacing, r)
         found, i = 0, 0
         depth = near + shift[r] * step
         while depth < far:
@@ -154,13 +155,13 @@ def _count(
 
 @ti.kernel
 def _write(
-    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, until: Reals1, cells: Bytes4, origin: Reals1,
-    spacing: ti.f32, step: ti.f32, rays: Numbers2, place: Reals2, depths: Reals1, ray: Numbers1,
+    start: Reals2, direction: Reals2, frame: Numbers1, shift: Reals1, since: Reals1, until: Reals1, cells: Bytes4,
+    origin: Reals1, spacing: ti.f32, step: ti.f32, rays: Numbers2, place: Reals2, depths: Reals1, ray: Numbers1,
 ):  # fmt: skip
     # Compiled apart, the two kernels may round a depth differently: no more samples are written than were counted, and
     # what would be missing is put where the ray leaves the box.
     for r in range(start.shape[0]):
-        o, d, low, near, far = ray_in_box(start, direction, until, cells, origin, spacing, r)
+        o, d, low, near, far = ray_in_box(start, direction, since, until, cells, origin, spacing, r)
         n, end, i = rays[r, 0], rays[r, 0] + rays[r, 1], 0
         depth = near + shift[r] * step
         while n < end:

@@ -33,10 +33,10 @@ def camera_rays(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
 
 def along(
     field: Field, occupancy: Occupancy, start: torch.Tensor, direction: torch.Tensor, frame: torch.Tensor, *,
-    shift: torch.Tensor | None = None, until: torch.Tensor | None = None,
+    shift: torch.Tensor | None = None, since: torch.Tensor | None = None, until: torch.Tensor | None = None,
 ) -> tuple[Composite, Samples, torch.Tensor]:  # fmt: skip
     """The composite of rays (R, 3) in frames (R,), their samples, and each sample's density times its length."""
-    samples = march(occupancy, start, direction, frame, step=occupancy.step, shift=shift, until=until)
+    samples = march(occupancy, start, direction, frame, step=occupancy.step, shift=shift, since=since, until=until)
     density, colour = field(samples.place, samples.frame)
     length = torch.full_like(samples.depth, occupancy.step)
     return composite(density, colour, length, samples.depth, samples.rays), samples, density * occupancy.step

@@ -166,7 +166,7 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     _set_rates(run, options, moving)
     batch = pixels.draw(frames_of(run.rays, chosen, run.generator), run.generator)
     behind, shift = (torch.rand(run.rays, *n, generator=run.generator) for n in ((3,), ()))
-    until = stops.until(batch.start, batch.direction, batch.frame)
+    since, until = stops.span(batch.start, batch.direction, batch.frame)
     until[::_WHOLE] = torch.inf
     canonical: list[torch.Tensor] = []
 
@@ -175,7 +175,7 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
         return run.model.canonical(canonical[0])
 
     seen, samples, thickness = along(field, occupancy, batch.start, batch.direction, batch.frame,
-                                    shift=shift, until=until)  # fmt: skip
+                                    shift=shift, since=since, until=until)  # fmt: skip
     loss = colour_loss(seen, batch, run.gains, behind)
     loss = loss + shape_loss(seen, samples, thickness, batch, options.weights)
     moved = motion_loss(run.model, samples, canonical[0], thickness, options.weights, run.generator) if moving else 0
