@@ -25,7 +25,7 @@ Watch = Callable[[int, Dynamic, Occupancy], None]  # told the step and shown the
 CHECKPOINT = "checkpoint.pt"
 _EVERY = 200  # steps between checkpoints
 _SMOOTH = 0.98  # of the running mean of the loss
-_CANONICAL_END = 0.1  # of its rate, that the canonical field has at the end of its own stage
+_CANONICAL_END = 0.1  # of its rate, that the canonical field has when the motion begins
 _END = 0.05  # of their rates, that all have at the end
 _RAYS = (256, 8192)  # fewest and most in a step
 _WORSE = 5.0  # times its best running mean, at which the loss counts as diverged
@@ -33,7 +33,7 @@ _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
-_SCHEME = 3  # of this training: what an earlier one left is not gone on with
+_SCHEME = 4  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
@@ -225,7 +225,8 @@ def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:
         field = options.canonical_share * options.field_rate
     else:
         done = run.step / options.canonical_steps
-        fade, field = 1.0, options.field_rate * _CANONICAL_END**done
+        end = _CANONICAL_END if options.motion_steps and len(run.model.latents) > 1 else _END
+        fade, field = 1.0, options.field_rate * end**done
     own = {"field": field, "latents": options.latent_rate}
     for name, optimiser in run.optimisers.items():
         optimiser.param_groups[0]["lr"] = run.slower * fade * own.get(name, options.bending_rate)
