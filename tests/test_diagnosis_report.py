@@ -152,11 +152,11 @@ def test_ambiguous_verdict_names_all_that_it_may_be(pulled):
 
 def test_what_stands_beside_a_named_cause_may_be_ambiguous(pulled):
     both, asked = pulled.rounds[0].candidates[:2], Experiment(description="a slow push", now=1.0, then=9.0)
-    verdict = Verdict(kind="ambiguous", causes=both, sentence="")
-    beside = replace(pulled.rounds[0], verdict=verdict, experiment=asked)
+    beside = replace(pulled.rounds[0], verdict=Verdict(kind="ambiguous", causes=both, sentence=""), experiment=asked)
     found = facts(replace(pulled, rounds=(pulled.rounds[0], beside)))
     first, second = (c.name.replace("_", " ") for c in both)
     assert [c["name"] for c in found["causes"]] == [c.name for c in pulled.named] and found["ambiguous_with"] == []
+    assert [r["separating_experiment"] for r in found["rounds"]] == [None, found["separating_experiment"]]
     assert f"besides: {first} or {second}, which this measurement cannot tell apart" in found["sentence"]
     assert found["sentence"].endswith(f"To tell {first} from {second}, measure a slow push.")
 

@@ -29,7 +29,7 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
         "sentence": sentence(diagnosis),
         "causes": _causes(diagnosis),
         "ambiguous_with": _rivals(diagnosis),
-        "separating_experiment": _experiment(diagnosis),
+        "separating_experiment": next((e for r in diagnosis.rounds if (e := _experiment(r))), None),
         "ranking": _ranking(diagnosis),
         "noise_mm": _plain(1e3 * diagnosis.noise.sigma),
         "noise_correlation": _plain(diagnosis.noise.correlation),
@@ -73,19 +73,12 @@ def _rivals(diagnosis: Diagnosis) -> list[str]:
     return [c.name for c in diagnosis.verdict.causes[1:]] if diagnosis.verdict.kind == "ambiguous" else []
 
 
-def _experiment(diagnosis: Diagnosis) -> dict[str, object] | None:
-    """The measurement that would separate what is ambiguous, with the expected nats between the two."""
-    for found in diagnosis.rounds:
-        if found.experiment is not None:
-            e = found.experiment
-            causes = [c.name for c in found.verdict.causes[:2]]
-            return {
-                "description": e.description,
-                "causes": causes,
-                "nats_now": _plain(e.now),
-                "nats_then": _plain(e.then),
-            }
-    return None
+def _experiment(found: Round) -> dict[str, object] | None:
+    """The measurement that would separate a round's first two causes, with the nats expected between them."""
+    if found.experiment is None:
+        return None
+    e, causes = found.experiment, [c.name for c in found.verdict.causes[:2]]
+    return {"description": e.description, "causes": causes, "nats_now": _plain(e.now), "nats_then": _plain(e.then)}
 
 
 def _round(found: Round) -> dict[str, object]:
@@ -99,7 +92,8 @@ def _round(found: Round) -> dict[str, object]:
         for c in found.candidates
     ]  # fmt: skip
     verdict = {"verdict": found.verdict.kind, "causes": [c.name for c in found.verdict.causes]}
-    return {**verdict, "misfit_z": _plain(found.misfit.z), "refitted": tried}
+    told = {"misfit_z": _plain(found.misfit.z), "separating_experiment": _experiment(found)}
+    return {**verdict, **told, "refitted": tried}
 
 
 def _ranking(diagnosis: Diagnosis) -> list[dict[str, object]]:
@@ -114,9 +108,8 @@ def _ranking(diagnosis: Diagnosis) -> list[dict[str, object]]:
 def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
     why_not = _hidden(diagnosis, score)
     values = _values(score.cause, score.theta)
-    told = score.keep > TESTABLE
     smallest = [
-        {**value, "smallest_detectable": _plain(d) if told else None}
+        {**value, "smallest_detectable": _plain(d) if _told(score) else None}
         for value, d in zip(values, score.detectable, strict=True)
     ]
     return {
@@ -129,12 +122,17 @@ def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
 
 def _hidden(diagnosis: Diagnosis, score: Score) -> str | None:
     """Why a cause that was scored could not have been seen at any plausible size, or None."""
-    widths, told = score.cause.widths(diagnosis.baseline.scene), score.keep > TESTABLE
-    if told and (score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any()):
+    widths = score.cause.widths(diagnosis.baseline.scene)
+    if _told(score) and (score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any()):
         return None
     if score.keep < 0.3:
         return f"a change of the material imitates it: only {score.keep:.0%} of its effect would be left to see"
     return "at any plausible size its effect is lost in noise and in whatever else is wrong"
+
+
+def _told(score: Score) -> bool:
+    """Whether enough of a cause's effect is left to see for a smallest size to be told."""
+    return bool(score.keep > TESTABLE)
 
 
 def _values(cause: Cause, theta: Sequence[float] | np.ndarray) -> list[dict[str, object]]:
