@@ -75,7 +75,7 @@ FULL = Plan(
 _FEW = TrainOptions(canonical_steps=250, motion_steps=100, samples=4096)
 QUICK = Plan(
     static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48,
-    single=TrainOptions(canonical_steps=250, motion_steps=0),
+    single=TrainOptions(canonical_steps=250, motion_steps=0, samples=4096),
     few=RigOptions(cameras=6, frames=2, size=96), few_test=("cam0002",), few_steps=100,
     moving=RigOptions(cameras=8, frames=4, size=96, greys=False), resolution=48, short=_FEW, long=_FEW, points=700,
     loop=RigOptions(cameras=8, frames=4, size=96, greys=False), shapes=SHAPES[:1],

@@ -138,13 +138,13 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
             stride = ti.cast(cells + 1, ti.u32)
             lowest = x + stride * (y + stride * z)
             for c in ti.static(range(8)):
-                upper = ti.u32(c & 1) + (stride if c & 2 else ti.u32(0)) + (stride * stride if c & 4 else ti.u32(0))
+                upper = ti.u32(c & 1) + stride * (ti.u32((c >> 1) & 1) + stride * ti.u32((c >> 2) & 1))
                 rows[c] = first + ti.cast(lowest + upper, ti.i32)
         else:
             y, z = y * ti.u32(_PRIMES[0]), z * ti.u32(_PRIMES[1])
             for c in ti.static(range(8)):
-                hashed = (x + ti.u32(c & 1)) ^ (y + ti.u32(_PRIMES[0] if ti.static(c & 2) else 0))
-                hashed ^= z + ti.u32(_PRIMES[1] if ti.static(c & 4) else 0)
+                upper_y, upper_z = ti.u32(_PRIMES[0] * ((c >> 1) & 1)), ti.u32(_PRIMES[1] * ((c >> 2) & 1))
+                hashed = (x + ti.u32(c & 1)) ^ (y + upper_y) ^ (z + upper_z)
                 rows[c] = first + ti.cast(hashed & ti.cast(mask, ti.u32), ti.i32)
         return rows
 
