@@ -21,7 +21,7 @@ from benchmarks.reconstruction_rows import (
 )
 from benchmarks.table import Row, publish, report
 from recon.radiance.extraction import ExtractOptions, extract
-from recon.radiance.training import TrainOptions
+from recon.radiance.options import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.motion import SHAPES
 from recon.rig.options import RigOptions
@@ -62,7 +62,7 @@ class Plan:
 
 FULL = Plan(
     static=RigOptions(frames=2, size=480, greys=False), static_resolution=256,
-    single=TrainOptions(canonical_steps=1500, motion_steps=0, field_rate=3e-2),
+    single=TrainOptions(canonical_steps=1350, motion_steps=0, field_rate=3e-2),
     few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=1500,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),

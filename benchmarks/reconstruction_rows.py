@@ -15,8 +15,9 @@ from recon.cameras import Camera
 from recon.plush.reconstruction import read_plush
 from recon.quality.similarity import psnr
 from recon.radiance.extraction import Cloud4D
+from recon.radiance.options import TrainOptions
 from recon.radiance.rendering import STILL, render
-from recon.radiance.training import Trained, TrainOptions, train
+from recon.radiance.training import Trained, train
 from recon.rig.truth import Truth, read_truth
 from recon.views import ViewOptions, Views, training_views
 from sim.terms.shapes import Mesh

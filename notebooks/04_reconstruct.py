@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from recon.radiance.extraction import ExtractOptions
-from recon.radiance.training import TrainOptions
+from recon.radiance.options import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes, read_truth

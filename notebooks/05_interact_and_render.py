@@ -27,8 +27,8 @@ import numpy as np
 
 from recon.cameras import Camera, look_at
 from recon.radiance.extraction import ExtractOptions
+from recon.radiance.options import TrainOptions
 from recon.radiance.storage import load_trained
-from recon.radiance.training import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes

@@ -221,14 +221,14 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
     seconds, asked = {"a": (first.second,), "x": (), "b": (better.second,)}, []
 
     def look(current, *given, **more):
-        asked.append(current.cause.name)
-        return replace(alone, candidates=seconds[current.cause.name])
+        asked.append((current.cause.name, more["least"]))
+        return replace(alone, candidates=seconds[current.cause.name], least=2.0)
 
     monkeypatch.setattr(pairs, "look", look)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)
     monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
     said = pairs.two_at_once(alone, lambda c: (None, 1.0), None, [b], str, None)
-    assert asked == ["a", "x", "b"]
+    assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave
     assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
 
 

@@ -12,9 +12,11 @@ from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
 from recon.radiance.extraction import ExtractOptions, carried, extract
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hashgrid import HashGrid
+from recon.radiance.options import TrainOptions
 from recon.radiance.rendering import Picture, camera_rays, render
+from recon.radiance.run_state import Run
 from recon.radiance.storage import load_trained, save_trained
-from recon.radiance.training import TrainOptions, fingerprint, train
+from recon.radiance.training import fingerprint, train
 from recon.views import Views
 from veo_ti.reconstruction.rerender import Rerenderer
 
@@ -189,6 +191,20 @@ def test_training_that_was_interrupted_ends_where_it_would_have(views, tmp_path,
     for name, value in whole.field.state_dict().items():
         alike = torch.isclose(again.field.state_dict()[name], value, rtol=1e-3, atol=1e-4)
         assert alike.float().mean() > 0.98, name
+
+
+def test_what_is_learnt_is_the_mean_of_the_last_states(views, tmp_path, monkeypatch):
+    states, taken = [], Run.take_in
+
+    def noted(run):
+        states.append(run.model.canonical.encoding.table.detach().clone())
+        taken(run)
+
+    monkeypatch.setattr(Run, "take_in", noted)
+    learnt = train(views, tmp_path, SHORT).field.canonical.encoding.table
+    assert len(states) == 5  # the last fifth of 24
+    assert torch.allclose(learnt, torch.stack(states).mean(dim=0), atol=1e-6)
+    assert not torch.allclose(learnt, states[-1], atol=1e-4)
 
 
 def test_a_change_in_any_frame_is_another_input(views):

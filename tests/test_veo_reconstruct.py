@@ -13,7 +13,7 @@ from recon.plush.reconstruction import read_plush
 from recon.radiance.extraction import Cloud4D, ExtractOptions
 from recon.radiance.fields import FieldOptions
 from recon.radiance.hashgrid import HashGrid
-from recon.radiance.training import TrainOptions
+from recon.radiance.options import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes, read_truth

@@ -46,7 +46,7 @@ def reconstruct(
     """
     from recon.radiance.extraction import ExtractOptions
     from recon.radiance.fields import FieldOptions
-    from recon.radiance.training import TrainOptions
+    from recon.radiance.options import TrainOptions
     from veo_ti.progress import waiting
     from veo_ti.reconstruction.run import ReconstructChoice, reconstruct_folder
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -30,11 +31,12 @@ class Batch:
 class Pixels:
     """All pixels of all training cameras, camera after camera, and those of each frame whose ray meets its hull."""
 
-    views: Views
     first: np.ndarray  # (C + 1,) where each camera's pixels begin
+    grey: torch.Tensor  # (C,) bool
     centres: torch.Tensor  # (C, 3) [m]
     directions: torch.Tensor  # (P, 3)
-    hits: tuple[np.ndarray, ...]  # by frame, (H,) pixel numbers
+    hits: tuple[np.ndarray, ...]  # by frame, (H,) int32 pixel numbers
+    filmed: tuple[np.ndarray, ...]  # by frame, (H, 4) uint8 colour and matte
 
     @classmethod
     def of(cls, views: Views, occupancy: Occupancy) -> "Pixels":
@@ -49,34 +51,38 @@ class Pixels:
             met = meets(occupancy, starts, directions, torch.full((len(starts),), frame))
             hit = np.flatnonzero(met.numpy() & inside)
             require(len(hit) > 0, f"frame {frame}", "show the object in some camera", "no pixel")
-            hits.append(hit)
-        centres = torch.stack([s[0] for s, _ in rays])
-        return cls(views=views, first=first, centres=centres, directions=directions, hits=tuple(hits))
+            hits.append(hit.astype(np.int32))
+        return cls(
+            first=first, grey=torch.tensor([camera.stream != "colour" for camera in views.cameras]),
+            centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits),
+            filmed=tuple(_filmed(views, first, frame, hit) for frame, hit in enumerate(hits)),
+        )  # fmt: skip
 
     def draw(self, frames: torch.Tensor, generator: torch.Generator) -> Batch:
         """One pixel at random for each of some frames (R,)."""
         chosen = torch.rand(len(frames), generator=generator).numpy()
-        number = np.empty(len(frames), np.int64)
+        number, filmed = np.empty(len(frames), np.int32), np.empty((len(frames), 4), np.uint8)
         for frame in np.unique(frames.numpy()):
             own = np.flatnonzero(frames.numpy() == frame)
-            number[own] = self.hits[frame][(chosen[own] * len(self.hits[frame])).astype(np.int64)]
-        camera = np.searchsorted(self.first, number, side="right") - 1
-        colour, matte = self._filmed(frames.numpy(), camera, number - self.first[camera])
-        streams = np.array([c.stream != "colour" for c in self.views.cameras])
+            at = (chosen[own] * len(self.hits[frame])).astype(np.int64)
+            number[own], filmed[own] = self.hits[frame][at], self.filmed[frame][at]
+        camera = torch.from_numpy(np.searchsorted(self.first, number, side="right") - 1)
+        seen = torch.from_numpy(filmed) / 255
         return Batch(
-            start=self.centres[camera], direction=self.directions[number], frame=frames,
-            camera=torch.from_numpy(camera), colour=colour, matte=matte, grey=torch.from_numpy(streams[camera]),
+            start=self.centres[camera], direction=self.directions[number], frame=frames, camera=camera,
+            colour=seen[:, :3], matte=seen[:, 3], grey=self.grey[camera],
         )  # fmt: skip
 
-    def _filmed(self, frame: np.ndarray, camera: np.ndarray, pixel: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        colour, matte = np.empty((len(frame), 3), np.float32), np.empty(len(frame), np.float32)
-        for c in np.unique(camera):
-            own = np.flatnonzero(camera == c)
-            row, column = np.divmod(pixel[own], self.views.cameras[c].size[0])
-            seen = self.views.images[c][frame[own], row, column]
-            colour[own] = seen if seen.ndim == 2 else seen[:, None]
-            matte[own] = self.views.mattes[c][frame[own], row, column]
-        return torch.from_numpy(colour / 255), torch.from_numpy(matte / 255)
+
+def _filmed(views: Views, first: np.ndarray, frame: int, number: np.ndarray) -> np.ndarray:
+    """Colour (grey thrice) and matte of a frame's pixels, whose numbers ascend, (H, 4) uint8."""
+    filmed = np.empty((len(number), 4), np.uint8)
+    ends = np.searchsorted(number, first)
+    for c, (begin, end) in enumerate(pairwise(ends)):
+        pixel, image = number[begin:end] - first[c], np.asarray(views.images[c][frame])
+        filmed[begin:end, :3] = image.reshape(image.shape[0] * image.shape[1], -1)[pixel]
+        filmed[begin:end, 3] = np.asarray(views.mattes[c][frame]).ravel()[pixel]
+    return filmed
 
 
 def frames_of(count: int, frames: Sequence[int], generator: torch.Generator) -> torch.Tensor:

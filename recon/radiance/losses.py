@@ -58,12 +58,12 @@ def colour_loss(seen: Composite, batch: Batch, gains: torch.Tensor, behind: torc
     Grey cameras are compared in luminance after their own gain and bias, gains (C, 2). Over a random
     colour, what is not the object must be clear and what is must be opaque.
     """
-    luminance = torch.tensor(_LUMINANCE)
-    behind = torch.where(batch.grey[:, None], (behind @ luminance)[:, None], behind)
     own = seen.colour
-    gain, bias = gains[batch.camera].T
-    grey = (own @ luminance) * gain + bias * seen.opacity
-    own = torch.where(batch.grey[:, None], grey[:, None], own)
+    if batch.grey.any():
+        luminance, (gain, bias) = torch.tensor(_LUMINANCE), gains[batch.camera].T
+        behind = torch.where(batch.grey[:, None], (behind @ luminance)[:, None], behind)
+        grey = (own @ luminance) * gain + bias * seen.opacity
+        own = torch.where(batch.grey[:, None], grey[:, None], own)
     predicted = own + (1 - seen.opacity)[:, None] * behind
     filmed = batch.colour + (1 - batch.matte)[:, None] * behind
     return torch.nn.functional.smooth_l1_loss(predicted, filmed, beta=_BEND) / _BEND

@@ -1,7 +1,9 @@
 """All that changes while a field is trained, and the checkpoint it goes on from after an interruption."""
 
+import copy
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -9,7 +11,7 @@ import torch
 from recon.files import replacing
 from recon.radiance.fields import Dynamic
 
-_NUMBERS = ("step", "rays", "slower", "restarts", "mean", "best")
+_NUMBERS = ("step", "rays", "slower", "restarts", "mean", "best", "averaged")
 
 
 @dataclass(kw_only=True, eq=False)
@@ -26,11 +28,30 @@ class Run:
     restarts: int = 0
     mean: float = math.inf  # running mean of the loss
     best: float = math.inf
+    averaged: int = 0  # states of the model in the average
+
+    @cached_property
+    def average(self) -> Dynamic:
+        """The mean of the model's states that were taken in (Izmailov et al. 2018)."""
+        return copy.deepcopy(self.model)
+
+    @property
+    def learnt(self) -> Dynamic:
+        """The average, once there is one."""
+        return self.average if self.averaged else self.model
+
+    @torch.no_grad()
+    def take_in(self) -> None:
+        """Take the model as it is into the average."""
+        self.averaged += 1
+        for mean, own in zip(self.average.parameters(), self.model.parameters(), strict=True):
+            mean.lerp_(own, 1 / self.averaged)
 
     def state(self) -> dict[str, object]:
         """Everything, as tensors and numbers."""
         return {
-            "model": self.model.state_dict(), "gains": self.gains.detach().clone(),
+            "model": self.model.state_dict(), "average": self.average.state_dict(),
+            "gains": self.gains.detach().clone(),
             "optimisers": {name: o.state_dict() for name, o in self.optimisers.items()},
             "generator": self.generator.get_state(), **{name: getattr(self, name) for name in _NUMBERS},
         }  # fmt: skip
@@ -38,6 +59,7 @@ class Run:
     def load(self, state: dict) -> None:
         """Become what `state` says."""
         self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
         with torch.no_grad():
             self.gains.copy_(state["gains"])
         for name, optimiser in self.optimisers.items():

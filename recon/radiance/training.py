@@ -3,17 +3,18 @@
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from recon.radiance.batches import Pixels, frames_of
-from recon.radiance.fields import Box, Dynamic, FieldOptions
+from recon.radiance.fields import Box, Dynamic
 from recon.radiance.hulls import hulls_of
-from recon.radiance.losses import LossWeights, colour_loss, motion_loss, shape_loss
+from recon.radiance.losses import colour_loss, motion_loss, shape_loss
 from recon.radiance.marching import Occupancy
+from recon.radiance.options import TrainOptions
 from recon.radiance.rendering import along
 from recon.radiance.run_state import Run
 from recon.radiance.stopping import Stops
@@ -25,47 +26,15 @@ Watch = Callable[[int, Dynamic, Occupancy], None]  # told the step and shown the
 CHECKPOINT = "checkpoint.pt"
 _EVERY = 200  # steps between checkpoints
 _SMOOTH = 0.98  # of the running mean of the loss
-_CANONICAL_END = 0.1  # of its rate, that the canonical field has when the motion begins
-_END = 0.05  # of their rates, that all have at the end
+_MEAN = 0.2  # share of all steps, the last ones, the mean of whose states is what was learnt: less of it is noise
 _RAYS = (256, 8192)  # fewest and most in a step
 _WORSE = 5.0  # times its best running mean, at which the loss counts as diverged
 _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
-_SCHEME = 4  # of this training: what an earlier one left is not gone on with
+_SCHEME = 5  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainOptions:
-    """Steps of both stages, samples a step, learning rates at their start, weights of losses.
-
-    ramp: share of the motion stage over which frames join; pulling: levels of the hash grid whose derivative bends rays
-    meanwhile; cells: of the hulls along the longest side; canonical_share: of its first rate, for the canonical field
-    in the motion stage; canonical_frames: how many first frames, of an object still at rest, the canonical stage sees.
-    """
-
-    canonical_steps: int = 1200
-    canonical_frames: int = 1
-    motion_steps: int = 4000
-    samples: int = 1 << 14
-    weights: LossWeights = field(default_factory=LossWeights)
-    field: FieldOptions = field(default_factory=FieldOptions)  # last of these: it hides dataclasses.field
-    field_rate: float = 2e-2
-    bending_rate: float = 2e-3
-    latent_rate: float = 5e-3
-    canonical_share: float = 0.1
-    ramp: float = 0.5
-    pulling: int = 5
-    cells: int = 96
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        counts = min(self.canonical_steps, self.canonical_frames, self.samples, self.pulling) >= 1
-        require(counts and self.motion_steps >= 0, "steps, frames, samples and pulling", "be positive", self)
-        rates = min(self.field_rate, self.bending_rate, self.latent_rate) > 0 and 0 < self.ramp <= 1
-        require(rates and self.canonical_share >= 0, "rates", "be in range", self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,10 +71,10 @@ def train(
     run = _started(views, box, options)
     run.resume(folder / CHECKPOINT, made_from)
     run.save(folder / CHECKPOINT, made_from)
-    total = options.canonical_steps + options.motion_steps * (count > 1)
+    total = options.steps(count)
 
     def ended(status: str, sentence: str) -> Trained:
-        return Trained(field=run.model.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence,
+        return Trained(field=run.learnt.eval(), box=box, occupancy=occupancy, status=status, sentence=sentence,
                        made_from=made_from)  # fmt: skip
 
     while run.step < total:
@@ -123,11 +92,13 @@ def train(
             run.restarts, run.slower = restarts, slower
             continue
         run.step += 1
+        if run.step > (1 - _MEAN) * total:
+            run.take_in()
         if run.step % _EVERY == 0 or run.step == total:
             run.save(folder / CHECKPOINT, made_from)
             say(f"step {run.step} of {total}, loss {run.mean:.4f}")
         if watch is not None and (run.step % look == 0 or run.step == total):
-            watch(run.step, run.model, occupancy)
+            watch(run.step, run.learnt, occupancy)
     return ended("done", f"trained for {total} steps")
 
 
@@ -179,12 +150,12 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     loss = colour_loss(seen, batch, run.gains, behind)
     loss = loss + shape_loss(seen, samples, thickness, batch, options.weights)
     moved = motion_loss(run.model, samples, canonical[0], thickness, options.weights, run.generator) if moving else 0
-    for optimiser in run.optimisers.values():
+    taught = [o for name, o in run.optimisers.items() if moving or name in ("field", "gains")]
+    for optimiser in taught:
         optimiser.zero_grad(set_to_none=True)
     (loss + moved).backward()
-    for name, optimiser in run.optimisers.items():
-        if moving or name in ("field", "gains"):
-            optimiser.step()
+    for optimiser in taught:
+        optimiser.step()
     run.rays = int(np.clip(run.rays * options.samples / max(len(samples.depth), 1), *_RAYS))
     return float(loss.detach())
 
@@ -192,9 +163,10 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
 def _joined(run: Run, pixels: Pixels, occupancy: Occupancy, options: TrainOptions) -> list[int]:
     """The frames that take part; one that joins starts from the motion that suits it best, and is drawn often."""
     frames = len(run.model.latents)
-    done = (run.step - options.canonical_steps) / max(options.motion_steps, 1)
-    count = min(frames, 2 + int(done / options.ramp * (frames - 1)))
-    before = min(frames, 2 + int((done - 1 / max(options.motion_steps, 1)) / options.ramp * (frames - 1)))
+    done = options.moved(run.step)
+    count, before = (
+        min(frames, 2 + int(options.moved(step) / options.ramp * (frames - 1))) for step in (run.step, run.step - 1)
+    )
     with torch.no_grad():
         for frame in range(max(before, 2), count):
             run.model.latents[frame] = run.model.latents[_alike(run, pixels, occupancy, frame)]
@@ -218,22 +190,14 @@ def _alike(run: Run, pixels: Pixels, occupancy: Occupancy, frame: int) -> int:
 
 
 def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:
-    """By the step alone, never by the clock; fine levels do not pull at the bending while frames join."""
-    if moving:
-        done = (run.step - options.canonical_steps) / max(options.motion_steps, 1)
-        fade = _END ** max(0.0, (done - options.ramp) / max(1 - options.ramp, 1e-9))
-        field = options.canonical_share * options.field_rate
-    else:
-        done = run.step / options.canonical_steps
-        end = _CANONICAL_END if options.motion_steps and len(run.model.latents) > 1 else _END
-        fade, field = 1.0, options.field_rate * end**done
-    own = {"field": field, "latents": options.latent_rate}
+    """Fine levels of the hash grid do not pull at the bending while frames join."""
+    rates = options.rates(run.step, len(run.model.latents))
     for name, optimiser in run.optimisers.items():
-        optimiser.param_groups[0]["lr"] = run.slower * fade * own.get(name, options.bending_rate)
+        optimiser.param_groups[0]["lr"] = run.slower * rates.get(name, rates["others"])
     if options.field.encoding == "hash":
         weight = run.model.canonical.encoding.level_weight
         weight[:] = 1
-        weight[options.pulling :] = float(not moving or done >= options.ramp)
+        weight[options.pulling :] = float(not moving or options.moved(run.step) >= options.ramp)
 
 
 def _diverged(run: Run, loss: float) -> bool:

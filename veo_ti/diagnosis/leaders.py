@@ -103,7 +103,7 @@ def refitted(
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
         nearest = _nearest(nearest, tried)
-    tried = [_beyond(t, modes, say) if t.left < _NEARBY * nearest else t for t in tried]
+    tried = [_beyond(t, modes, say) if t.left < _IN_REACH * nearest else t for t in tried]
     return Refitted(
         refits=(*beside.refits, *(t.result for t in tried)),
         s2=min([beside.s2, reached, *(t.model.s2 for t in tried)]),

@@ -86,7 +86,8 @@ def two_at_once(
         say(f"two at once, {start.name} and another")
         model, floor = narrower(start)
         others = [c for c in causes if c.name != start.name]
-        found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]))
+        least = min((p.found.least for p in pairs), default=np.inf)
+        found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
         for second in (c for c in found.candidates if _holds(start, c, alone)):
             pair = _Pair(first=start, second=second, found=found, model=model)
             first = pair.first_alone(say)
@@ -110,7 +111,7 @@ def two_at_once(
     if len(near) == 1:
         best = near[0]
         return (
-            replace(alone, verdict=named(best.first), extended=best.first.refit, experiment=None),
+            replace(alone, verdict=named(best.first), extended=best.first.refit),
             replace(best.found, verdict=named(best.second), extended=best.second.refit),
         )
     sides = _sides(near)
@@ -147,7 +148,7 @@ def _each_of(
         return separating(joint.taken_in(), those[0].refit, those[1].refit, best.model, best.found.s2)
 
     if len(first) == 1:
-        one, extended = replace(alone, verdict=named(first[0]), extended=joint, experiment=None), joint
+        one, extended = replace(alone, verdict=named(first[0]), extended=joint), joint
     else:
         one, extended = replace(alone, verdict=either(first), extended=None, experiment=told(first)), None
     return one, replace(best.found, verdict=either(second), extended=extended, experiment=told(second))

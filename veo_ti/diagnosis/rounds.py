@@ -7,7 +7,7 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
-from veo_ti.diagnosis.leaders import Progress, leaders_of, look_alikes, refitted
+from veo_ti.diagnosis.leaders import Progress, Refitted, counted, leaders_of, look_alikes, refitted
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
@@ -28,6 +28,7 @@ from veo_ti.diagnosis.visible import Left
 
 SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
+_ROUGHLY = 0.02  # of what there was, that a first, rough refit may leave of what further ones explain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,19 +43,21 @@ class Round:
     candidates: tuple[Candidate, ...]  # best first
     verdict: Verdict
     s2: float  # variance [m2] at which the candidates were weighed
+    least: float = np.inf  # variance [m2] at which what the best of them leaves counts
     extended: Refit | None = None
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
 
 def look(
     current: Refit, model: Model, floor: float, modes: np.ndarray, causes: Sequence[Cause], say: Progress, *,
-    shadow: bool = False,
+    shadow: bool = False, least: float = np.inf,
 ) -> Round:  # fmt: skip
     """Look for a cause beside what `current` holds: nothing, or a cause whose parameters then stay free.
 
     floor: the variance of the noise, by which misfit is judged; the model's own weighs the causes; shadow: whether
     `current` explains most already, so that what is left may be its own shadow: only a cause that explains nearly all
-    of it is then named, and, unless it is clear that something is left, one that little can imitate.
+    of it is then named, and, unless it is clear that something is left, one that little can imitate. least: variance
+    [m2] at which counts what others are known to leave; one that leaves far more gets no second look.
     """
     taken = current.taken_in()
     say("fingerprints of all causes")
@@ -63,14 +66,16 @@ def look(
     quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
     if misfit.z < MISFIT:
         return quiet
-    left = Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=shadow)
+    noise = measure_noise(taken.scene, modes)
+    left = Left.by(taken, model.s2, noise.local, modes, shadow=shadow)
     if not left.visible:
         return quiet
     if left.like_noise:
         return replace(quiet, verdict=nothing(even=True))
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
     leaders, others = leaders_of(scores, keep)
-    tried = refitted(leaders, current, model, floor, modes, say)
+    known = Refitted(least=max(least, _ROUGHLY * counted(taken.scene, noise, modes)))
+    tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
     standing = [c.name for c in candidates if c.plausible and stands([c])]
     if standing:
@@ -78,19 +83,24 @@ def look(
     if others and (standing or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
-    verdict, experiment = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), None
+    verdict = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED)
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
         verdict = nothing(faint=True)
-    if verdict.kind == "ambiguous":
-        say("what would tell them apart")
-        first, second = (c.refit.apart()[-1] for c in verdict.causes[:2])
-        experiment = separating(taken, first, second, model, tried.s2)
     holds = verdict.kind == "named" or (verdict.kind == "ambiguous" and current.cause is not None)
     return replace(
-        quiet, candidates=tuple(candidates), verdict=verdict, s2=tried.s2, experiment=experiment,
+        quiet, candidates=tuple(candidates), verdict=verdict, s2=tried.s2, least=tried.least,
         extended=verdict.causes[0].refit if holds else None,
     )  # fmt: skip
+
+
+def told_apart(found: Round, current: Refit, model: Model, say: Progress) -> Round:
+    """A look beside `current` with the measurement that would tell apart the likeliest two of several causes."""
+    if found.verdict.kind != "ambiguous":
+        return found
+    say("what would tell them apart")
+    first, second = (c.refit.apart()[-1] for c in found.verdict.causes[:2])
+    return replace(found, experiment=separating(current.taken_in(), first, second, model, found.s2))
 
 
 def with_more(
@@ -102,7 +112,7 @@ def with_more(
     candidates = tuple(sorted(best.values(), key=lambda c: -c.gained))
     verdict = judge(found.misfit, candidates)
     extended = verdict.causes[0].refit if verdict.kind == "named" else None
-    return replace(found, candidates=candidates, verdict=verdict, extended=extended, experiment=None)
+    return replace(found, candidates=candidates, verdict=verdict, extended=extended)
 
 
 def _candidates(

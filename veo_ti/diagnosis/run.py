@@ -13,7 +13,7 @@ from veo_ti.diagnosis.leaders import Progress, counted
 from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
-from veo_ti.diagnosis.rounds import Round, look, with_more
+from veo_ti.diagnosis.rounds import Round, look, told_apart, with_more
 from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, stands, unexplained
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
@@ -70,6 +70,8 @@ def diagnose(
         return with_more(first, more, baseline, model, noise.variance, modes)
 
     rounds = _rounds(first, narrower, modes, open_causes if second else (), say, again)
+    if len(rounds) == 1:
+        rounds = [told_apart(rounds[0], baseline, model, say)]
     current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
@@ -102,7 +104,8 @@ def _rounds(
         taken = found[0].refit.taken_in()
         if not Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=True).visible:
             return [first]
-        return [first, look(found[0].refit, model, floor, modes, others, say, shadow=True)]
+        more = look(found[0].refit, model, floor, modes, others, say, shadow=True)
+        return [first, told_apart(more, found[0].refit, model, say)]
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
     alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first

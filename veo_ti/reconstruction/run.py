@@ -18,9 +18,10 @@ from recon.quality.similarity import QualityRow, psnr, quality_row
 from recon.radiance.extraction import Cloud4D, ExtractOptions, extract
 from recon.radiance.fields import Field
 from recon.radiance.marching import Occupancy
+from recon.radiance.options import TrainOptions
 from recon.radiance.rendering import STILL, render
 from recon.radiance.storage import load_trained, save_trained
-from recon.radiance.training import Trained, TrainOptions, fingerprint, train
+from recon.radiance.training import Trained, fingerprint, train
 from recon.views import ViewOptions, Views, training_views
 from sim.checks import require
 from veo_ti.reconstruction.pages import write_page
