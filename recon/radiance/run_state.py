@@ -20,7 +20,7 @@ class Run:
 
     model: Dynamic
     gains: torch.nn.Parameter  # (C, 2): of each camera's grey pictures, gain and bias
-    optimisers: dict[str, torch.optim.Optimizer]
+    optimiser: torch.optim.Optimizer
     generator: torch.Generator
     step: int = 0
     rays: int = 1024
@@ -51,8 +51,7 @@ class Run:
         """Everything, as tensors and numbers."""
         return {
             "model": self.model.state_dict(), "average": self.average.state_dict(),
-            "gains": self.gains.detach().clone(),
-            "optimisers": {name: o.state_dict() for name, o in self.optimisers.items()},
+            "gains": self.gains.detach().clone(), "optimiser": self.optimiser.state_dict(),
             "generator": self.generator.get_state(), **{name: getattr(self, name) for name in _NUMBERS},
         }  # fmt: skip
 
@@ -62,8 +61,7 @@ class Run:
         self.average.load_state_dict(state["average"])
         with torch.no_grad():
             self.gains.copy_(state["gains"])
-        for name, optimiser in self.optimisers.items():
-            optimiser.load_state_dict(state["optimisers"][name])
+        self.optimiser.load_state_dict(state["optimiser"])
         self.generator.set_state(state["generator"])
         for name in _NUMBERS:
             setattr(self, name, state[name])

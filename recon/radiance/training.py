@@ -33,7 +33,7 @@ _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
-_SCHEME = 5  # of this training: what an earlier one left is not gone on with
+_SCHEME = 6  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
@@ -105,20 +105,22 @@ def train(
 def _started(views: Views, box: Box, options: TrainOptions) -> Run:
     model = Dynamic(box, len(views.times), options.field, seed=options.seed)
     gains = torch.nn.Parameter(torch.tensor([[1.0, 0.0]]).repeat(len(views.cameras), 1))
-    adam = {"fused": True}
-    optimisers = {
-        "field": torch.optim.Adam(
-            [*model.canonical.parameters()], lr=options.field_rate, eps=1e-15, betas=(0.9, 0.99), **adam
-        ),
-        "gains": torch.optim.Adam([gains], lr=options.bending_rate, **adam),
-        "bending": torch.optim.Adam([*model.bending.parameters()], lr=options.bending_rate, **adam),
-        "latents": torch.optim.Adam([model.latents], lr=options.latent_rate, **adam),
-        "warping": torch.optim.Adam([*model.warping.parameters()], lr=options.bending_rate, **adam),
-    }
+    offsets = {"lr": options.bending_rate}
+    optimiser = torch.optim.Adam(
+        [
+            {"name": "field", "params": [*model.canonical.parameters()], "lr": options.field_rate, "eps": 1e-15,
+             "betas": (0.9, 0.99)},
+            {"name": "latents", "params": [model.latents], "lr": options.latent_rate},
+            {"name": "bending", "params": [*model.bending.parameters()], **offsets},
+            {"name": "warping", "params": [*model.warping.parameters()], **offsets},
+            {"name": "gains", "params": [gains], **offsets},
+        ],
+        fused=True,
+    )  # fmt: skip
     generator = torch.Generator().manual_seed(options.seed)
     with torch.no_grad():
         model.latents[1:2] = 0.1 * torch.randn(1, model.latents.shape[1], generator=generator)
-    return Run(model=model, gains=gains, optimisers=optimisers, generator=generator)
+    return Run(model=model, gains=gains, optimiser=optimiser, generator=generator)
 
 
 def _look(run: Run, stops: Stops, options: TrainOptions) -> None:
@@ -131,7 +133,7 @@ def _look(run: Run, stops: Stops, options: TrainOptions) -> None:
 
 
 def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options: TrainOptions) -> float:
-    """One batch of rays, one step of every optimiser; the loss."""
+    """One batch of rays, one step; the loss."""
     moving = run.step >= options.canonical_steps
     chosen = _joined(run, pixels, occupancy, options) if moving else range(options.canonical_frames)
     _set_rates(run, options, moving)
@@ -150,12 +152,9 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     loss = colour_loss(seen, batch, run.gains, behind)
     loss = loss + shape_loss(seen, samples, thickness, batch, options.weights)
     moved = motion_loss(run.model, samples, canonical[0], thickness, options.weights, run.generator) if moving else 0
-    taught = [o for name, o in run.optimisers.items() if moving or name in ("field", "gains")]
-    for optimiser in taught:
-        optimiser.zero_grad(set_to_none=True)
+    run.optimiser.zero_grad(set_to_none=True)
     (loss + moved).backward()
-    for optimiser in taught:
-        optimiser.step()
+    run.optimiser.step()  # of all that took part
     run.rays = int(np.clip(run.rays * options.samples / max(len(samples.depth), 1), *_RAYS))
     return float(loss.detach())
 
@@ -192,8 +191,8 @@ def _alike(run: Run, pixels: Pixels, occupancy: Occupancy, frame: int) -> int:
 def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:
     """Fine levels of the hash grid do not pull at the bending while frames join."""
     rates = options.rates(run.step, len(run.model.latents))
-    for name, optimiser in run.optimisers.items():
-        optimiser.param_groups[0]["lr"] = run.slower * rates.get(name, rates["others"])
+    for group in run.optimiser.param_groups:
+        group["lr"] = run.slower * rates.get(group["name"], rates["others"])
     if options.field.encoding == "hash":
         weight = run.model.canonical.encoding.level_weight
         weight[:] = 1
