@@ -33,7 +33,7 @@ _RESTARTS = 3
 _TRIED, _TRIED_RAYS = 4, 512  # motions that a joining frame may start from, and rays that choose
 _LOOK = 100  # steps between looks at what has become opaque
 _LOOKED = 16  # frames looked at each time
-_SCHEME = 6  # of this training: what an earlier one left is not gone on with
+_SCHEME = 7  # of this training: what an earlier one left is not gone on with
 _WHOLE = 20  # one ray in so many goes on behind what is opaque, or the inside would never be learnt
 
 
@@ -105,18 +105,12 @@ def train(
 def _started(views: Views, box: Box, options: TrainOptions) -> Run:
     model = Dynamic(box, len(views.times), options.field, seed=options.seed)
     gains = torch.nn.Parameter(torch.tensor([[1.0, 0.0]]).repeat(len(views.cameras), 1))
-    offsets = {"lr": options.bending_rate}
-    optimiser = torch.optim.Adam(
-        [
-            {"name": "field", "params": [*model.canonical.parameters()], "lr": options.field_rate, "eps": 1e-15,
-             "betas": (0.9, 0.99)},
-            {"name": "latents", "params": [model.latents], "lr": options.latent_rate},
-            {"name": "bending", "params": [*model.bending.parameters()], **offsets},
-            {"name": "warping", "params": [*model.warping.parameters()], **offsets},
-            {"name": "gains", "params": [gains], **offsets},
-        ],
-        fused=True,
-    )  # fmt: skip
+    groups = [
+        {"name": "field", "params": [*model.canonical.parameters()], "eps": 1e-15, "betas": (0.9, 0.99)},
+        {"name": "latents", "params": [model.latents]},
+        {"name": "others", "params": [*model.bending.parameters(), *model.warping.parameters(), gains]},
+    ]
+    optimiser = torch.optim.Adam(groups, fused=True)  # each step sets the rates
     generator = torch.Generator().manual_seed(options.seed)
     with torch.no_grad():
         model.latents[1:2] = 0.1 * torch.randn(1, model.latents.shape[1], generator=generator)
@@ -189,10 +183,10 @@ def _alike(run: Run, pixels: Pixels, occupancy: Occupancy, frame: int) -> int:
 
 
 def _set_rates(run: Run, options: TrainOptions, moving: bool) -> None:
-    """Fine levels of the hash grid do not pull at the bending while frames join."""
+    """Those of the options; and fine levels of the hash grid do not pull at the bending while frames join."""
     rates = options.rates(run.step, len(run.model.latents))
     for group in run.optimiser.param_groups:
-        group["lr"] = run.slower * rates.get(group["name"], rates["others"])
+        group["lr"] = run.slower * rates[group["name"]]
     if options.field.encoding == "hash":
         weight = run.model.canonical.encoding.level_weight
         weight[:] = 1

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.leaders import Progress
 from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.rounds import Round, look
+from veo_ti.diagnosis.rounds import Round, look, told_apart
 from veo_ti.diagnosis.verdict import (
     BETTER,
     CLEAN,
@@ -140,18 +139,14 @@ def _each_of(
     alone: Round, near: Sequence[_Pair], some: Sequence[str], others: Sequence[str], say: Progress
 ) -> tuple[Round, Round]:
     """The cause that all pairs have in common, or those of which each has one, and those that could stand beside it."""
-    say("what would tell them apart")
     best, joint = near[0], near[0].second.refit
     first, second = ([next(p for p in near if n in p.names).part(n) for n in side] for side in (some, others))
-
-    def told(those: Sequence[Candidate]) -> Experiment | None:
-        return separating(joint.taken_in(), those[0].refit, those[1].refit, best.model, best.found.s2)
-
-    if len(first) == 1:
-        one, extended = replace(alone, verdict=named(first[0]), extended=joint), joint
-    else:
-        one, extended = replace(alone, verdict=either(first), extended=None, experiment=told(first)), None
-    return one, replace(best.found, verdict=either(second), extended=extended, experiment=told(second))
+    single = len(first) == 1
+    extended = joint if single else None
+    one = replace(alone, verdict=named(first[0]) if single else either(first), extended=extended)
+    other = replace(best.found, verdict=either(second), extended=extended)
+    one, other = (told_apart(r, joint, best.model, best.found.s2, say) for r in (one, other))
+    return one, other
 
 
 def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:

@@ -94,13 +94,14 @@ def look(
     )  # fmt: skip
 
 
-def told_apart(found: Round, current: Refit, model: Model, say: Progress) -> Round:
-    """A look beside `current` with the measurement that would tell apart the likeliest two of several causes."""
+def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progress) -> Round:
+    """A look beside `current` with the measurement that would tell apart the likeliest two of several causes, at the
+    variance s2 [m2]."""
     if found.verdict.kind != "ambiguous":
         return found
     say("what would tell them apart")
     first, second = (c.refit.apart()[-1] for c in found.verdict.causes[:2])
-    return replace(found, experiment=separating(current.taken_in(), first, second, model, found.s2))
+    return replace(found, experiment=separating(current.taken_in(), first, second, model, s2))
 
 
 def with_more(

@@ -71,7 +71,7 @@ def diagnose(
 
     rounds = _rounds(first, narrower, modes, open_causes if second else (), say, again)
     if len(rounds) == 1:
-        rounds = [told_apart(rounds[0], baseline, model, say)]
+        rounds = [told_apart(rounds[0], baseline, model, rounds[0].s2, say)]
     current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
@@ -105,7 +105,7 @@ def _rounds(
         if not Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=True).visible:
             return [first]
         more = look(found[0].refit, model, floor, modes, others, say, shadow=True)
-        return [first, told_apart(more, found[0].refit, model, say)]
+        return [first, told_apart(more, found[0].refit, model, more.s2, say)]
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
     alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first
