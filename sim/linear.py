@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
+from sim.cloud import RestCloud
 from sim.elastic import Elastic
 from sim.energy import Tangent
 from sim.multifrontal import Cholesky, Dissection
@@ -97,7 +98,7 @@ class Layout:
     @classmethod
     def of(cls, elastic: Elastic) -> "Layout":
         """The layout of an elastic energy's Hessian; terms of forces and contact share its pattern."""
-        return cls(pattern=elastic.pattern, x=elastic.cloud.x)
+        return _layout(elastic.pattern, elastic.cloud)
 
     @cached_property
     def template(self) -> tuple[sp.csc_matrix, np.ndarray]:
@@ -136,6 +137,11 @@ class Layout:
         """
         options = {"SymmetricMode": True}
         return splu(self.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+@lru_cache(maxsize=2)  # another material keeps both
+def _layout(pattern: Pattern, cloud: RestCloud) -> Layout:
+    return Layout(pattern=pattern, x=cloud.x)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dtrtri
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from sim.pattern import Pattern
 
@@ -113,17 +114,24 @@ def _dissected(points: np.ndarray, x: np.ndarray, graph: sp.csr_matrix) -> Itera
 def _halves(
     points: np.ndarray, along: np.ndarray, graph: sp.csr_matrix
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The points in two halves along a coordinate without those of the one half that touch the other, and these."""
+    """The points in two halves along a coordinate, without the fewest that leave none of the one beside the other, and
+    these."""
     lower = np.zeros(len(points), bool)
     lower[np.argsort(along, kind="stable")[: len(points) // 2]] = True
-    halves = points[lower], points[~lower]
-    sides = []
-    for near, far in (halves, halves[::-1]):
-        mark = np.zeros(graph.shape[0])
-        mark[far] = 1.0
-        touching = graph[near] @ mark > 0
-        sides.append((near[~touching], far, near[touching]))
-    return min(sides, key=lambda cut: len(cut[2]))
+    between = np.zeros(len(points), bool)
+    between[lower], between[~lower] = _cover(graph[points[lower]][:, points[~lower]])
+    return points[lower & ~between], points[~lower & ~between], points[between]
+
+
+def _cover(edges: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+    """The fewest rows and columns that hold all edges between them (Konig's theorem): as many as can be matched."""
+    partner = maximum_bipartite_matching(edges, perm_type="column")
+    matched, before = partner >= 0, None
+    reached = ~matched  # rows, by alternating paths from those without a partner
+    while before is None or (reached != before).any():
+        before, columns = reached, edges.T @ reached.astype(float) > 0
+        reached = ~matched | columns[partner]
+    return matched & ~reached, columns
 
 
 def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: _Runs) -> None:
