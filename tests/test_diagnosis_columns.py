@@ -8,8 +8,8 @@ from test_diagnosis_experiment import model, scene  # noqa: F401
 from sim.checks import require
 from sim.cloud import RestCloud
 from veo_ti.diagnosis.columns import discretisation
-from veo_ti.diagnosis.leaders import _Tried, counted
-from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.leaders import _Tried
+from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.refit import refit
 
 

@@ -25,7 +25,8 @@ def found(name: str, gained: float, explained: float, z: float = 3.0, predicted:
     return Candidate(
         refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
         settled=given.get("settled", True), plausible=given.get("plausible", True),
-        coincidence=given.get("coincidence", 1.0), like_noise=given.get("like_noise", False),
+        coincidence=given.get("coincidence", 1.0), testable=given.get("testable", True),
+        like_noise=given.get("like_noise", False),
     )  # fmt: skip
 
 
@@ -57,6 +58,9 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 100, 0.95), found("b", 96, 0.94, coincidence=0.01)], "named", ["b"]),  # b obeys a law of its own
         ([found("a", 100, 0.95), found("b", 40, 0.7, coincidence=0.01)], "named", ["a"]),  # that does not make b likely
         ([found("a", 100, 0.95, coincidence=0.02), found("b", 96, 0.94, coincidence=0.01)], "ambiguous", ["a", "b"]),
+        ([found("a", 400, 1.0, testable=False), found("b", 260, 1.0)], "ambiguous", ["b", "a"]),  # seed 2723
+        ([found("a", 100, 0.95, testable=False), found("b", 250, 1.0)], "named", ["b"]),
+        ([found("a", 400, 1.0, testable=False), found("b", 40, 0.3)], "unexplained", []),  # the material imitates a
         ([], "unexplained", []),
     ],
 )

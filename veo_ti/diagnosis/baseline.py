@@ -7,9 +7,9 @@ import numpy as np
 from sim.basis import Basis
 from sim.fit import guess_modulus
 from veo_ti.diagnosis.columns import discretisation
-from veo_ti.diagnosis.leaders import CLOSER, LOOKS, WORTH, Progress, counted
+from veo_ti.diagnosis.leaders import CLOSER, LOOKS, WORTH, Progress
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.noise import Noise, counted, measure_noise
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.evaluation import judged

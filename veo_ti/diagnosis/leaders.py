@@ -7,20 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from sim.evidence import design_effect
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.placing import better_place
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and
 _PROMISING = 0.25  # share of the misfit, to first order; docs/diagnosis.md says how much more refits explain
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
+_AS_MUCH = 0.8  # share of the best score that one must reach which the nuisances imitate
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
 LOOKS = 4  # at most that it gets; and
@@ -33,16 +32,6 @@ _NEARLY = 0.2  # share of the variance that a cause must leave for its refit to 
 Progress = Callable[[str], None]
 
 
-def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
-    """The variance at which residuals count [m2]: the noise's, or that of the whole residual while it is larger.
-
-    Where the model is wrong, the material would else be bent far beyond its linearisation to imitate what is missing.
-    """
-    r, seen = scene.residual * scene.train[:, None, None], scene.target.seen & scene.train[:, None]
-    square = float((r**2).sum() / (3 * seen.sum()))
-    return max(noise.variance, square * design_effect(r, seen, modes))
-
-
 def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[Score]]:
     """Those worth a refit: the best and others that come near, and those that are next where none of these explains
     enough. A score says little about a large effect. None of which the nuisances leave no more than keep, or that does
@@ -51,6 +40,12 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     first = [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
     others = [s for s in able if s not in first and s.log_bayes >= _FURTHER * able[0].log_bayes]
     return first, others[:_COUNT]
+
+
+def as_likely(scores: Sequence[Score], leaders: Sequence[Score], keep: float) -> list[Score]:
+    """Those that the nuisances imitate, and for which as much speaks nevertheless as for the best of the leaders."""
+    least = _AS_MUCH * leaders[0].log_bayes if leaders else np.inf
+    return [s for s in scores if s.keep <= keep and s.log_bayes > least]
 
 
 def look_alikes(

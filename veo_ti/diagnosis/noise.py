@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sim.evidence import design_effect
 from veo_ti.diagnosis.scene import Scene
 
 _STENCIL = 14
@@ -47,6 +48,16 @@ def measure_noise(scene: Scene, modes: np.ndarray) -> Noise:
     share = float(stray.sum() / max(scene.target.seen.sum(), 1))
     correlation = _correlation(scene, modes, sigma, stray)
     return Noise(sigma=sigma, local=estimate, stray=stray, correlation=correlation, outlier_share=share)
+
+
+def counted(scene: Scene, noise: Noise, modes: np.ndarray) -> float:
+    """The variance at which residuals count [m2]: the noise's, or that of the whole residual while it is larger.
+
+    Where the model is wrong, the material would else be bent far beyond its linearisation to imitate what is missing.
+    """
+    r, seen = scene.residual * scene.train[:, None, None], scene.target.seen & scene.train[:, None]
+    square = float((r**2).sum() / (3 * seen.sum()))
+    return max(noise.variance, square * design_effect(r, seen, modes))
 
 
 def evenness(scene: Scene, modes: np.ndarray) -> float:

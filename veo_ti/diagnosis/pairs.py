@@ -75,9 +75,8 @@ def two_at_once(
     named and the second round is ambiguous; where each is one of some beside one of others, and the best explains all
     but noise, both rounds are.
     """
-    able = [
-        c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.explained > EXPLAINED
-    ]
+    sound = [c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.testable]
+    able = [c for c in sound if c.explained > EXPLAINED]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
-from veo_ti.diagnosis.leaders import Progress, Refitted, counted, leaders_of, look_alikes, refitted
+from veo_ti.diagnosis.leaders import Progress, Refitted, as_likely, leaders_of, look_alikes, refitted
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import measure_noise
+from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
 from veo_ti.diagnosis.verdict import (
     CLEAR,
@@ -74,15 +74,17 @@ def look(
         return replace(quiet, verdict=nothing(even=True))
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
     leaders, others = leaders_of(scores, keep)
+    if current.cause is None:
+        leaders += as_likely(scores, leaders, keep)
     known = Refitted(least=max(least, _ROUGHLY * counted(taken.scene, noise, modes)))
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
-    candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
+    candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     standing = [c.name for c in candidates if c.plausible and stands([c])]
     if standing:
         others = look_alikes(standing[0], statistics, scores, keep, [c.name for c in candidates])
     if others and (standing or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
-        candidates = _candidates(tried.refits, current, model, floor, tried.s2, modes)
+        candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     verdict = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED)
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
@@ -108,7 +110,7 @@ def with_more(
     found: Round, more: Sequence[Refit], current: Refit, model: Model, floor: float, modes: np.ndarray
 ) -> Round:  # fmt: skip
     """A first look with further refits of its causes, of each the best one."""
-    every = [*found.candidates, *_candidates(more, current, model, floor, found.s2, modes)]
+    every = [*found.candidates, *_candidates(more, found.scores, current, model, floor, found.s2, modes)]
     best = {c.name: c for c in sorted(every, key=lambda c: c.gained)}
     candidates = tuple(sorted(best.values(), key=lambda c: -c.gained))
     verdict = judge(found.misfit, candidates)
@@ -117,13 +119,16 @@ def with_more(
 
 
 def _candidates(
-    tried: Sequence[Refit], current: Refit, model: Model, floor: float, s2: float, modes: np.ndarray
-) -> list[Candidate]:
+    tried: Sequence[Refit], scores: Sequence[Score], current: Refit, model: Model, floor: float, s2: float,
+    modes: np.ndarray,
+) -> list[Candidate]:  # fmt: skip
     """All weighed at the noise that the best of them leaves, best first."""
     each = [measure_noise(r.taken_in().scene, modes) for r in tried]
     model = replace(model, s2=min([floor, *(noise.variance for noise in each)]))
     before = statistics_of(current, model, modes).misfit()
     found = [_candidate(r, current, model, s2, n.local, modes, before) for r, n in zip(tried, each, strict=True)]
+    imitated = {s.name for s in scores if s.keep <= TESTABLE}
+    found = [replace(c, testable=c.name not in imitated) for c in found]
     return sorted(found, key=lambda c: -c.gained)
 
 

@@ -36,6 +36,7 @@ class Candidate:
     plausible: bool  # sign and size are what physics allows
     settled: bool  # the refit came to an end, or near enough to it to be compared
     coincidence: float = 1.0  # how often another cause would obey the law of its parameters as nearly
+    testable: bool = True  # a change of the material does not imitate it
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
 
     @property
@@ -100,18 +101,19 @@ def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
 
 
 def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED) -> Verdict:
-    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several."""
+    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several. What
+    is not testable is not named, but another is not either beside it."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
-    accepted = sorted((c for c in able if c.settled), key=lambda c: -c.sure)
+    accepted = sorted((c for c in able if c.settled and c.testable), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
     near = rivals(best, able)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
-    told = [c for c in (best, *near) if c.coincidence < CHANCE and c.settled and c.explained > TOGETHER]
+    told = [c for c in (best, *near) if c.coincidence < CHANCE and c.settled and c.testable and c.explained > TOGETHER]
     if near and len(told) != 1:
         return either((best, *near))
     return named(told[0] if near else best)
