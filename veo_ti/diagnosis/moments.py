@@ -15,6 +15,9 @@ from veo_ti.diagnosis.causes.base import Carried, Cause, Change
 from veo_ti.diagnosis.columns import Direction, Known
 from veo_ti.diagnosis.scene import Scene
 
+# of one frame: columns (M, 3 n) at the n points seen, residuals (3 n,), spatial modes (n, S), cosines (R,)
+_Frame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fingerprints:
@@ -111,16 +114,16 @@ def moments(
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
     solved = answered(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
 
-    def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def columns() -> Iterator[_Frame]:
         for n, S in enumerate(solved if along.carried is None else carried(solved, ways, along.carried, frames)):
             t, index = frames[n], frames[n : n + 1]
             if pushing:
                 S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
             seen = scene.target.seen[t]
-            X = np.concatenate([S[:, seen].reshape(len(S), -1), _waves(modes[seen], cosines[n])])
+            X = S[:, seen].reshape(len(S), -1)
             if keep:
-                kept.append(X[: len(S)].astype(np.float32))
-            yield X, residual[t, seen].ravel() + a @ X[:K]
+                kept.append(X.astype(np.float32))
+            yield X, residual[t, seen].ravel() + a @ X[:K], modes[seen], cosines[n]
 
     normal = _summed(columns())
     prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
@@ -152,22 +155,29 @@ def moments_of(
     """
     rows, cosines = len(a) + extra, time_modes(len(kept.frames))
 
-    def columns() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def columns() -> Iterator[_Frame]:
         for n, (t, own) in enumerate(zip(kept.frames, kept.columns, strict=True)):
-            X = np.concatenate([own[:rows], _waves(modes[seen[t]], cosines[n])])
-            yield X, residual[t, seen[t]].ravel() + a @ X[: len(a)]
+            X = own[:rows].astype(float)
+            yield X, residual[t, seen[t]].ravel() + a @ X[: len(a)], modes[seen[t]], cosines[n]
 
     normal = _summed(columns())
     return Moments(normal=normal, nuisances=rows, modes=3 * modes.shape[1] * cosines.shape[1], kept=kept)
 
 
-def _summed(columns: Iterable[tuple[np.ndarray, np.ndarray]]) -> Normal:
-    """The normal equations of columns X (M, n) and residuals z (n,) that come frame by frame."""
-    A, b, c, count = 0.0, 0.0, 0.0, 0
-    for X, z in columns:
-        A, b = A + X @ X.T, b + X @ z
-        c, count = c + float(z @ z), count + len(z)
-    return Normal(A=A, b=b, c=c, count=count)
+def _summed(columns: Iterable[_Frame]) -> Normal:
+    """The normal equations of columns that come frame by frame, and after them of the smooth modes: products of an
+    axis, a spatial mode and a cosine, of which no column is made, since their inner products are products too."""
+    own, across, smooth, count = 0.0, 0.0, 0.0, 0
+    for X, z, modes, cosines in columns:
+        every = np.concatenate([X, z[None]])  # the residual is one more column
+        own = own + every @ every.T
+        with_modes = (every @ np.kron(modes, np.eye(3))).reshape(len(every), -1, 3)
+        across = across + np.einsum("msa,k->mask", with_modes, cosines)
+        smooth = smooth + np.kron(modes.T @ modes, np.outer(cosines, cosines))
+        count += len(z)
+    across = across.reshape(len(own), -1)
+    A = np.block([[own[:-1, :-1], across[:-1]], [across[:-1].T, np.kron(np.eye(3), smooth)]])
+    return Normal(A=A, b=np.concatenate([own[:-1, -1], across[-1]]), c=float(own[-1, -1]), count=count)
 
 
 def carried(solved: Iterable[np.ndarray], ways: np.ndarray, on: Carried, frames: np.ndarray) -> Iterator[np.ndarray]:
@@ -195,12 +205,6 @@ def _all_forces(
         return np.concatenate([soft(index), *(d.forces(scene, index)[:, None] for d in pushing)], axis=1)
 
     return forces
-
-
-def _waves(modes: np.ndarray, cosines: np.ndarray) -> np.ndarray:
-    """Products of spatial modes (n, S) and a frame's cosines (R,), for each axis: (3 S R, 3 n)."""
-    smooth = np.einsum("ns,k->skn", modes, cosines).reshape(-1, len(modes))
-    return np.concatenate([np.kron(smooth, axis) for axis in np.eye(3)])
 
 
 def time_modes(frames: int, most: int = 12) -> np.ndarray:
