@@ -1,9 +1,10 @@
 """Sparse Cholesky for many matrices on one pattern: dense fronts along a nested dissection of the points.
 
-George (1973) for the ordering, Duff and Reid (1983) for the fronts: each separator's unknowns are eliminated in one
-dense block, so that nearly all work is matrix products. The analysis is made once, by SuperLU for every matrix anew;
-SuperLU also forgets that the matrix is symmetric (docs/benchmarks.md compares). No library with a free licence and
-wheels does better: CHOLMOD's dense blocks are under the GPL.
+George (1973) for the ordering, with the fewest points that separate (Pothen & Fan 1990), Duff and Reid (1983) for the
+fronts: each separator's unknowns are eliminated in one dense block, so that nearly all work is matrix products. The
+analysis is made once, by SuperLU for every matrix anew; SuperLU also forgets that the matrix is symmetric
+(docs/benchmarks.md compares). No library with a free licence and wheels does better: CHOLMOD's dense blocks are under
+the GPL.
 """
 
 from collections.abc import Iterator
