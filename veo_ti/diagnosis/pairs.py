@@ -75,8 +75,7 @@ def two_at_once(
     named and the second round is ambiguous; where each is one of some beside one of others, and the best explains all
     but noise, both rounds are.
     """
-    sound = [c for c in alone.candidates if min(c.gained, c.predicted) > BETTER and c.plausible and c.testable]
-    able = [c for c in sound if c.explained > EXPLAINED]
+    able = [c for c in alone.candidates if c.able and c.testable and c.explained > EXPLAINED]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
 
@@ -154,8 +153,7 @@ def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
     The first one has to be worth as much beside the second. Where some cause explains nearly all alone, two may be its
     image, and have to explain nearly all that it leaves, or most of it and all but our own error.
     """
-    there = _borne_out(second.refit.apart()[0])
-    adds = min(second.gained, second.predicted, there) > BETTER and second.plausible
+    adds = second.able and _borne_out(second.refit.apart()[0]) > BETTER
     left = 1 - explained_by((first, second))
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
     if least is None:

@@ -128,8 +128,7 @@ def _candidates(
     before = statistics_of(current, model, modes).misfit()
     found = [_candidate(r, current, model, s2, n.local, modes, before) for r, n in zip(tried, each, strict=True)]
     imitated = {s.name for s in scores if s.keep <= TESTABLE}
-    found = [replace(c, testable=c.name not in imitated) for c in found]
-    return sorted(found, key=lambda c: -c.gained)
+    return sorted((replace(c, testable=c.name not in imitated) for c in found), key=lambda c: -c.gained)
 
 
 def _candidate(

@@ -40,6 +40,11 @@ class Candidate:
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
 
     @property
+    def able(self) -> bool:
+        """Whether it may be the cause: evidence, what was left out and physics speak for it."""
+        return min(self.gained, self.predicted) > BETTER and self.plausible
+
+    @property
     def promised(self) -> float:
         """Nats that a further step only promises: what was gained counts them."""
         return 0.0 if self.refit.converged else self.refit.short
@@ -105,7 +110,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     is not testable is not named, but another is not either beside it."""
     if misfit.z < MISFIT:
         return nothing()
-    able = [c for c in candidates if min(c.gained, c.predicted) > BETTER and c.plausible]
+    able = [c for c in candidates if c.able]
     accepted = sorted((c for c in able if c.settled and c.testable), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
@@ -113,7 +118,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     near = rivals(best, able)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
-    told = [c for c in (best, *near) if c.coincidence < CHANCE and c.settled and c.testable and c.explained > TOGETHER]
+    told = [c for c in (best, *near) if c in accepted and c.coincidence < CHANCE and c.explained > TOGETHER]
     if near and len(told) != 1:
         return either((best, *near))
     return named(told[0] if near else best)
