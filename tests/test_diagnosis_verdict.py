@@ -8,7 +8,7 @@ import pytest
 
 from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
-from veo_ti.diagnosis.verdict import Candidate, judge, stands
+from veo_ti.diagnosis.verdict import Candidate, judge, stands, sufficient
 from veo_ti.diagnosis.visible import Left
 
 
@@ -77,6 +77,12 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     assert not stands([leaving]) and stands([found("c", 1938, 0.96, z=70)])
     assert not stands([leaving, found("d", 200, 0.42, z=42)])
     assert stands([found("e", 100, 0.7, z=70, like_noise=True)])  # what it leaves neighbours share in all frames
+
+
+def test_only_what_can_be_told_from_the_material_may_be_all_that_is_wrong():
+    assert sufficient(found("a", 100, 0.92))
+    assert not sufficient(found("a", 100, 0.92, testable=False))
+    assert not sufficient(found("a", 100, 0.92, plausible=False)) and not sufficient(found("a", 100, 0.85))
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from veo_ti.diagnosis.verdict import (
     judge,
     nothing,
     stands,
+    sufficient,
 )
 from veo_ti.diagnosis.visible import Left
 
@@ -79,7 +80,7 @@ def look(
     known = Refitted(least=max(least, _ROUGHLY * counted(taken.scene, noise, modes)))
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
-    standing = [c.name for c in candidates if c.plausible and stands([c])]
+    standing = [c.name for c in candidates if sufficient(c)]
     if standing:
         others = look_alikes(standing[0], statistics, scores, keep, [c.name for c in candidates])
     if others and (standing or current.cause is None):

@@ -152,6 +152,12 @@ def stands(causes: Sequence[Candidate]) -> bool:
     return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
 
 
+def sufficient(candidate: Candidate) -> bool:
+    """Whether it may be all that is wrong: physics allows it, no change of the material imitates it, and it explains
+    enough."""
+    return candidate.plausible and candidate.testable and stands([candidate])
+
+
 def explained_by(causes: Sequence[Candidate]) -> float:
     """Share of what was wrong that causes explain together, each found beside those before it."""
     return 1 - math.prod(1 - c.explained for c in causes)
