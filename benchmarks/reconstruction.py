@@ -62,7 +62,7 @@ class Plan:
 
 FULL = Plan(
     static=RigOptions(frames=2, size=480, greys=False), static_resolution=256,
-    single=TrainOptions(canonical_steps=1350, motion_steps=0, field_rate=3e-2),
+    single=TrainOptions(canonical_steps=740, motion_steps=0, samples=1 << 15, field_rate=6e-2),
     few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=1500,
     moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
     short=TrainOptions(canonical_steps=500, motion_steps=1400),

@@ -12,6 +12,7 @@ from sim.newton import Equilibrium, NewtonOptions, Status
 from sim.sensitivity import Past, answers_in_turn
 
 _KEEPS = 0.2  # of the way, more than which a step may not leave to go if the factors are to serve again
+_FAR = 0.4  # of the way, that a step with fresh factors leaves where what turns is far from its end
 _FELL = 0.25  # of a step's share of the way, by which what is left to go has to fall for the step to be taken
 _HALVES = 4  # of a step, before there is none
 _OPEN = 0.05  # of the smallest J of each frame, that a step must leave
@@ -30,7 +31,7 @@ class Settled:
 
 def settle(
     remembered: Remembered, start: np.ndarray, layout: Layout, *, factors: DirectFactors | None = None,
-    options: NewtonOptions | None = None, still: float = 0.0, stalled: float = 0.0,
+    options: NewtonOptions | None = None, still: float = 0.0, stalled: float = 0.0, patient: bool = True,
 ) -> Settled:  # fmt: skip
     """The motion that is in equilibrium with what it lets itself remember, from `start` (T, N, 3) [m].
 
@@ -39,9 +40,10 @@ def settle(
     falls (Deuflhard's natural monotonicity test, Newton Methods for Nonlinear Problems, 3.3): forces may well rise on
     the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
     serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
-    not be told). Where no step along the direction leaves less, or a tangent is not positive definite (what it leads to
-    may be no minimum), the motion so far is returned, and the status of its frames says so. Not where the step would be
-    smaller than `stalled` [m]: strains that take turns in being remembered leave no smaller ones.
+    not be told). Where no step along the direction leaves less, a tangent is not positive definite (what it leads to
+    may be no minimum), or even one with fresh factors leaves much and the caller is not `patient`, the motion so far is
+    returned, and the status of its frames says so. Not where the step would be smaller than `stalled` [m]: strains that
+    take turns in being remembered leave no smaller ones.
     """
     options = options or NewtonOptions()
     here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
@@ -60,11 +62,14 @@ def settle(
         if there is None and fresh:
             ending = Status.CONVERGED if _size(direction) < stalled else Status.LINE_SEARCH
             break
+        here = there or here
+        if fresh and left > _FAR and not patient:
+            break
         if fresh:
             expected = max(left, _KEEPS)
         elif left > expected:
             factors = None
-        here, fresh = there or here, False
+        fresh = False
     status = tuple(Status.CONVERGED if r <= options.tolerance else ending for r in here.residual)
     equilibrium = Equilibrium(
         y=here.y, status=status, residual=here.residual, iterations=np.full(len(here.y), steps)

@@ -12,6 +12,8 @@ from recon.radiance.rendering import camera_rays
 from recon.views import Views
 from sim.checks import require
 
+_OUTSIDE = 2  # of the pixels beside the object one in so many is enough, and leaves more of a batch to the object
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
@@ -29,7 +31,8 @@ class Batch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pixels:
-    """All pixels of all training cameras, camera after camera, and those of each frame whose ray meets its hull."""
+    """All pixels of all training cameras, camera after camera, and of each frame the ones to train on: those whose ray
+    meets its hull, of those beside the object one in two."""
 
     first: np.ndarray  # (C + 1,) where each camera's pixels begin
     grey: torch.Tensor  # (C,) bool
@@ -46,16 +49,18 @@ class Pixels:
         first = np.cumsum([0, *(len(d) for _, d in rays)])
         inside = np.concatenate([i.ravel() for i in views.inside])
         starts, directions = (torch.cat([r[i] for r in rays]) for i in (0, 1))
-        hits = []
+        hits, every = [], []
         for frame in range(len(views.times)):
             met = meets(occupancy, starts, directions, torch.full((len(starts),), frame))
-            hit = np.flatnonzero(met.numpy() & inside)
+            hit = np.flatnonzero(met.numpy() & inside).astype(np.int32)
             require(len(hit) > 0, f"frame {frame}", "show the object in some camera", "no pixel")
-            hits.append(hit.astype(np.int32))
+            filmed = _filmed(views, first, frame, hit)
+            kept = (filmed[:, 3] > 0) | ((hit + frame) % _OUTSIDE == 0)
+            hits.append(hit[kept])
+            every.append(filmed[kept])
         return cls(
             first=first, grey=torch.tensor([camera.stream != "colour" for camera in views.cameras]),
-            centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits),
-            filmed=tuple(_filmed(views, first, frame, hit) for frame, hit in enumerate(hits)),
+            centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits), filmed=tuple(every),
         )  # fmt: skip
 
     def draw(self, frames: torch.Tensor, generator: torch.Generator) -> Batch:

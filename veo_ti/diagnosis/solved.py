@@ -18,6 +18,8 @@ _ROUNDS = 12  # of motion and what follows from it, such as damage
 _STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
 _NEAR = 0.3  # of that, for steps all frames at once
 _DEPTH = 4  # rounds that are mixed
+_FIRST, _CLOSE = 4, 0.5  # rounds before steps all frames at once, and the change of the noise's size that ends them
+_ROUGHLY = NewtonOptions(tolerance=1e-3, iterations=12)  # of each of these
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=12)
 
 
@@ -44,8 +46,9 @@ def solved(
     """All frames in equilibrium, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
-    through time find it, with the factors of a solve nearby. Where there are none and they fail, or so many factors
-    have no room, rounds of solves do; they are so slow that a step from a solve nearby had better be shorter.
+    through time find it, with the factors of a solve nearby; far from it after a few rounds of solves. Where there was
+    no solve nearby and they fail, or so many factors have no room, rounds alone do; they are so slow that a step from a
+    solve nearby had better be shorter.
     """
     energy, found = problem.energy(coefficients), None
     still = _STILL * (scene.target.sigma or np.sqrt(problem.model.s2))
@@ -65,7 +68,10 @@ def solved(
 def _through_time(
     problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None
 ) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:
-    """All frames at once; no scene where one has no equilibrium."""
+    """All frames at once; no scene where one has no equilibrium.
+
+    Far from it, where a turn makes every step short, a round costs half as much as a step and leaves a quarter.
+    """
     cause, place = problem.cause, problem.place
 
     def remembered(y: np.ndarray) -> tuple[Energy, Callable[[], Sequence[Past]]]:
@@ -73,15 +79,22 @@ def _through_time(
         terms = (*problem.base.terms, *problem.change(at, theta).terms)
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
-    layout = problem.solver.layout
-    settled = settle(remembered, scene.y, layout, factors=factors, options=NEWTON, still=_NEAR * still, stalled=still)
+    to_its_end = partial(
+        settle, remembered, layout=problem.solver.layout, options=NEWTON, still=_NEAR * still, stalled=still
+    )
+    settled = to_its_end(scene.y, factors=factors, patient=False)
+    if not settled.equilibrium.converged:
+        at = scene.moved(energy, settled.equilibrium.y)
+        nearer, equilibrium = _in_rounds(problem, at, energy, theta, _CLOSE / _STILL * still, _FIRST, _ROUGHLY)
+        settled = to_its_end(nearer.y if equilibrium.converged else at.y)
     reached = settled.equilibrium
     return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
 
 
 def _in_rounds(
-    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float
-) -> tuple[Scene, Equilibrium]:
+    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, rounds: int = _ROUNDS,
+    options: NewtonOptions = NEWTON,
+) -> tuple[Scene, Equilibrium]:  # fmt: skip
     """What follows from the motion is taken from the last motion, until the next one is the same: a fixed point.
 
     By Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more rounds where a frame
@@ -89,10 +102,10 @@ def _in_rounds(
     """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
-    for more in reversed(range(_ROUNDS if problem.cause is not None and problem.cause.follows else 1)):
+    for more in reversed(range(rounds if problem.cause is not None and problem.cause.follows else 1)):
         change = problem.change(scene.of_material(energy.elastic.m), theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
-        equilibrium = equilibrate(extended, scene.y, options=NEWTON, solver=problem.solver)
+        equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
         if not more or not _found(scene, equilibrium) or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
