@@ -95,6 +95,18 @@ def test_too_few_steps_are_a_status(elastic):
     assert {s for s, r in zip(found.status, found.residual, strict=True) if r > 1e-9} == {Status.ITERATIONS}
 
 
+@pytest.mark.parametrize(("pull", "served"), [(1.0, True), (12.0, False)])
+def test_an_impatient_one_stops_where_a_step_leaves_much(elastic, pull, served):
+    """A pull that bends the body far makes every step short; what it comes to is the same all the same."""
+    energy, start = sim_cases.clamped(elastic, pull * PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+    ask, layout = remembering(energy, 2.0), Layout.of(elastic)
+    soon = settle(ask, start, layout, options=TIGHT, patient=False).equilibrium
+    whole = settle(ask, start, layout, options=TIGHT).equilibrium
+    assert whole.converged and soon.converged == served
+    after = settle(ask, soon.y, layout, options=TIGHT).equilibrium
+    assert soon.iterations[0] <= whole.iterations[0] and sim_cases.relative(after.y, whole.y) < 1e-8
+
+
 def test_an_unstable_state_is_not_taken_for_an_equilibrium(elastic):
     """Pushed together hard, the body has a tangent that is not positive: nothing is claimed."""
     energy = sim_cases.clamped(elastic, np.repeat([[-3.0, 0.0, 0.0]], len(TIME), axis=0))
