@@ -49,7 +49,7 @@ class Pixels:
         first = np.cumsum([0, *(len(d) for _, d in rays)])
         inside = np.concatenate([i.ravel() for i in views.inside])
         starts, directions = (torch.cat([r[i] for r in rays]) for i in (0, 1))
-        hits, every = [], []
+        hits, pictures = [], []
         for frame in range(len(views.times)):
             met = meets(occupancy, starts, directions, torch.full((len(starts),), frame))
             hit = np.flatnonzero(met.numpy() & inside).astype(np.int32)
@@ -57,10 +57,11 @@ class Pixels:
             filmed = _filmed(views, first, frame, hit)
             kept = (filmed[:, 3] > 0) | ((hit + frame) % _OUTSIDE == 0)
             hits.append(hit[kept])
-            every.append(filmed[kept])
+            pictures.append(filmed[kept])
         return cls(
             first=first, grey=torch.tensor([camera.stream != "colour" for camera in views.cameras]),
-            centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits), filmed=tuple(every),
+            centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits),
+            filmed=tuple(pictures),
         )  # fmt: skip
 
     def draw(self, frames: torch.Tensor, generator: torch.Generator) -> Batch:

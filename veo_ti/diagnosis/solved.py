@@ -18,7 +18,7 @@ _ROUNDS = 12  # of motion and what follows from it, such as damage
 _STILL = 0.1  # of the noise, by which the motion may still change between them, root mean square
 _NEAR = 0.3  # of that, for steps all frames at once
 _DEPTH = 4  # rounds that are mixed
-_FIRST, _CLOSE = 4, 0.5  # rounds before steps all frames at once, and the change of the noise's size that ends them
+_FIRST, _CLOSE = 4, 5.0  # rounds at most before such steps, and times the change that ends all, that ends them
 _ROUGHLY = NewtonOptions(tolerance=1e-3, iterations=12)  # of each of these
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=12)
 
@@ -70,7 +70,7 @@ def _through_time(
 ) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:
     """All frames at once; no scene where one has no equilibrium.
 
-    Far from it, where a turn makes every step short, a round costs half as much as a step and leaves a quarter.
+    Far from it, where a turn makes every step short, rounds come nearer at less cost.
     """
     cause, place = problem.cause, problem.place
 
@@ -85,7 +85,7 @@ def _through_time(
     settled = to_its_end(scene.y, factors=factors, patient=False)
     if not settled.equilibrium.converged:
         at = scene.moved(energy, settled.equilibrium.y)
-        nearer, equilibrium = _in_rounds(problem, at, energy, theta, _CLOSE / _STILL * still, _FIRST, _ROUGHLY)
+        nearer, equilibrium = _in_rounds(problem, at, energy, theta, _CLOSE * still, _FIRST, _ROUGHLY)
         settled = to_its_end(nearer.y if equilibrium.converged else at.y)
     reached = settled.equilibrium
     return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
