@@ -10,7 +10,7 @@ from benchmarks.table import Row
 from benchmarks.timing import interleaved, milliseconds
 from sim.energy import Tangent
 from sim.linear import Preconditioner, Solve, conjugate_gradients
-from sim.newton import LinearSolver
+from sim.solvers import LinearSolver
 
 _FRAMES = 2  # solved together; with them the cloud of 50,000 points stays below 2 GB
 

@@ -9,7 +9,8 @@ from benchmarks.direct import best_direct
 from benchmarks.table import Row
 from benchmarks.timing import interleaved
 from sim.adjoint import gradient_check, implicit_gradient
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.solvers import LinearSolver
 
 _CHANGE = 0.05  # standard deviation of the change of log mu and log lam at every point: a late step of a fit
 _LOOSE = NewtonOptions(tolerance=1e-5)  # what the fit asks for

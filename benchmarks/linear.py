@@ -7,8 +7,8 @@ from benchmarks.direct import Cholmod, Superlu, best_direct
 from benchmarks.table import Row, skipped
 from benchmarks.timing import interleaved, milliseconds, ratio
 from sim.linear import Layout, conjugate_gradients
-from sim.newton import LinearSolver
 from sim.runtime import serial_blas
+from sim.solvers import LinearSolver
 
 _FEW = {"CHOLMOD": 2, "SuperLU": 1}  # frames that the peers solve
 _GOALS = {"CHOLMOD": 2.0, "SuperLU": 15.0}

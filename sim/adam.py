@@ -7,7 +7,8 @@ import numpy as np
 from sim.adjoint import implicit_gradient, truncated_gradient
 from sim.energy import Energy
 from sim.lame import Lame
-from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.newton import NewtonOptions, equilibrate
+from sim.solvers import LinearSolver
 from sim.target import Target
 
 _BETAS = (0.9, 0.999)

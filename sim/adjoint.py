@@ -7,7 +7,8 @@ import numpy as np
 
 from sim.energy import Energy
 from sim.linear import conjugate_gradients
-from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.newton import NewtonOptions, equilibrate
+from sim.solvers import LinearSolver
 
 Loss = Callable[[np.ndarray], tuple[float, np.ndarray]]  # y (T, N, 3) -> value and derivative (T, N, 3)
 

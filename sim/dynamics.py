@@ -17,8 +17,8 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy
-from sim.kept import KeptSolver
 from sim.newton import NewtonOptions, Status, equilibrate
+from sim.solvers import KeptSolver, Solver
 from sim.terms.handles import Handles
 from sim.terms.viscosity import Viscosity, turned_stiffness
 
@@ -246,5 +246,5 @@ class _Body:
         return _State(y=found.y, v=v, a=(v - base.v) / c, status=found.status[0])
 
     @cached_property
-    def _solver(self) -> KeptSolver:
-        return KeptSolver.of(self.energy, self.options.linear)
+    def _solver(self) -> Solver:
+        return KeptSolver.of(self.energy, 1, self.options.linear)

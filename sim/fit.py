@@ -12,8 +12,9 @@ from sim.energy import Energy
 from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
+from sim.solvers import KeptSolver, LinearSolver, Solver
 from sim.target import Target
 
 _DIFFER = 0.05  # share of their square in which loads differ between frames, to be told by that
@@ -69,7 +70,7 @@ def fit(
     """
     options = options or FitOptions()
     basis = Basis.of(energy.elastic.cloud, options, mu)
-    solver = LinearSolver.of(energy, options.newton.linear)
+    solver = KeptSolver.of(energy, len(target.y), options.newton.linear)
     state = state or _first_state(energy, target, start, basis, solver, guess)
     frames = None
     while not state.done:
@@ -103,13 +104,13 @@ def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
     return mu / max(float(scale), 1e-6)
 
 
-def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: LinearSolver, newton: NewtonOptions) -> Equilibrium:
+def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: Solver, newton: NewtonOptions) -> Equilibrium:
     m = np.stack([lame.mu, lame.lam], axis=1)
     return equilibrate(energy.with_elastic(energy.elastic.with_parameters(m)), start, options=newton, solver=solver)
 
 
 def _first_state(
-    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: LinearSolver, guess: np.ndarray | None
+    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: Solver, guess: np.ndarray | None
 ) -> FitState:
     a = np.zeros(basis.log_mu.shape[1]) if guess is None else guess
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
@@ -141,7 +142,7 @@ def normal_equations(
 
 
 def _step(
-    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, frames: list[Normal]
+    energy: Energy, target: Target, basis: Basis, solver: Solver, state: FitState, frames: list[Normal]
 ) -> FitState:
     """One Gauss-Newton step with hyperparameters re-estimated, shortened until the objective falls.
 
@@ -178,7 +179,7 @@ def _counted(target: Target, basis: Basis, state: FitState, frames: list[Normal]
 
 
 def _result(
-    energy: Energy, target: Target, basis: Basis, solver: LinearSolver, state: FitState, frames: list[Normal]
+    energy: Energy, target: Target, basis: Basis, solver: Solver, state: FitState, frames: list[Normal]
 ) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)

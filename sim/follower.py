@@ -8,7 +8,8 @@ import numpy as np
 from sim.cloud import RestCloud
 from sim.energy import Energy
 from sim.fixed_point import MixingOptions, fixed_point
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, Status, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
+from sim.solvers import LinearSolver
 from sim.terms.loads import AppliedForce
 
 Load = Callable[[np.ndarray, np.ndarray], np.ndarray]  # y (T, N, 3) [m], area (T, N, 3) [m2] -> forces (T, N, 3) [N]

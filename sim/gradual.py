@@ -3,7 +3,8 @@
 import numpy as np
 
 from sim.energy import Energy
-from sim.newton import Equilibrium, LinearSolver, NewtonOptions, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.solvers import LinearSolver
 
 
 def equilibrate_gradually(

@@ -24,6 +24,10 @@ _THREADS = 2
 class Preconditioner(Protocol):
     """An approximate inverse of a tangent, symmetric and positive definite in every frame."""
 
+    @property
+    def positive(self) -> np.ndarray:
+        """The frames (T,) where it is that: one made at a state that is not stable may be indefinite."""
+
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (T, N, 3)."""
 
@@ -148,7 +152,12 @@ def _layout(pattern: Pattern, cloud: RestCloud) -> Layout:
 class DirectFactors:
     """One sparse factorisation per frame: the inverse of its own tangent, a strong preconditioner nearby."""
 
-    factors: tuple[Cholesky | SuperLU, ...]
+    factors: tuple[Cholesky | SuperLU | None, ...]  # None where it is still to be made
+
+    @classmethod
+    def none(cls, count: int) -> "DirectFactors":
+        """Of so many frames, none made yet."""
+        return cls(factors=(None,) * count)
 
     @classmethod
     def of(cls, tangent: Tangent, layout: Layout) -> "DirectFactors":

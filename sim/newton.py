@@ -1,7 +1,7 @@
 """Batched Newton: the equilibrium of every frame at once (paper "Quasistatic Simulation")."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
 
@@ -9,12 +9,8 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy, Tangent
-from sim.linear import ROOM, DirectFactors, Layout, Preconditioner, conjugate_gradients
-from sim.twolevel import Aggregates, TwoLevel
-
-_NEAR = 0.3  # of the load: residual below which a two-level preconditioner follows the state
-_CLOSE = 0.03  # below which a frame's last factors serve again; farther out they may hide that it has since buckled
-_SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
+from sim.linear import Preconditioner, conjugate_gradients
+from sim.solvers import LinearSolver, Solver
 
 
 class Status(Enum):
@@ -88,55 +84,12 @@ class Equilibrium:
         return self
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearSolver:
-    """Makes preconditioners for tangents of one cloud; what depends on the rest state only is kept."""
-
-    layout: Layout
-    aggregates: Aggregates
-    direct: float  # points of all frames together, up to which they are factorised
-    kept: Preconditioner | None = None  # of one state, for all others
-
-    @classmethod
-    def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
-        """ "auto" factorises small clouds and takes the two-level preconditioner for the others."""
-        cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
-        direct = {"direct": np.inf, "auto": ROOM if cloud.count <= _SMALL else 0, "two-level": 0}[linear]
-        aggregates = Aggregates.of(cloud, pattern, energy.fixed)
-        return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
-
-    def preconditioner(self, tangent: Tangent) -> Preconditioner:
-        """A fresh preconditioner at the tangent's own state, unless one is kept."""
-        if self.kept is not None:
-            return self.kept
-        few = tangent.y[..., 0].size <= self.direct
-        return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
-
-    def following(
-        self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
-    ) -> Preconditioner:
-        """Of the next step, at residuals (T,): the last one, as far as its frames are near their solution."""
-        if isinstance(last, TwoLevel) and residual.max() < _NEAR:
-            return last.moved(tangent)
-        if not isinstance(last, DirectFactors) or self.kept is not None:
-            return self.preconditioner(tangent)
-        stale = np.flatnonzero((residual >= _CLOSE) | ~last.positive)
-        if len(stale) == 0:
-            return last
-        some = tangent if len(stale) == len(residual) else energy.frames(stale).tangent(tangent.y[stale])
-        return last.renewed(stale, DirectFactors.of(some, self.layout))
-
-    def near(self, tangent: Tangent) -> "LinearSolver":
-        """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""
-        return replace(self, kept=self.preconditioner(tangent))
-
-
 def equilibrate(
     energy: Energy,
     start: np.ndarray,
     *,
     options: NewtonOptions | None = None,
-    solver: LinearSolver | None = None,
+    solver: Solver | None = None,
     progress: Callable[[int, np.ndarray], None] | None = None,
 ) -> Equilibrium:
     """Minimise the energy from `start` (T, N, 3) [m], all frames together, converged ones dropping out.
@@ -152,7 +105,7 @@ def equilibrate(
     state = _State.at(energy, y)
     status = [Status.ITERATIONS if ok else Status.INVERTED for ok in state.smallest > 0]
     steps = np.zeros(len(y), int)
-    precondition, earlier = None, np.zeros(0, int)
+    precondition, earlier = solver.begun(len(y)), np.arange(len(y))
     for step in range(options.iterations + 1):
         for t in np.flatnonzero(state.residual <= options.tolerance):
             status[t] = Status.CONVERGED
@@ -165,7 +118,8 @@ def equilibrate(
         tangent = part.tangent(state.y[active])
         last = None if precondition is None else precondition.frames(np.searchsorted(earlier, active))
         precondition, earlier = solver.following(last, part, tangent, state.residual[active]), active
-        direction = _direction(part, state.frames(active), tangent, solver, precondition)
+        direction, spent = _direction(part, state.frames(active), tangent, solver, precondition)
+        solver.spent(active, spent)
         stuck = _search(part, state, active, direction)
         steps[active] += 1
         for t in active[stuck]:
@@ -203,9 +157,10 @@ class _State:
 
 
 def _direction(
-    energy: Energy, state: _State, tangent: Tangent, solver: LinearSolver, precondition: Preconditioner
-) -> np.ndarray:
-    """The Newton direction (T, N, 3), with the projected Hessian where the exact one is not positive definite."""
+    energy: Energy, state: _State, tangent: Tangent, solver: Solver, precondition: Preconditioner
+) -> tuple[np.ndarray, np.ndarray]:
+    """The Newton direction (T, N, 3), with the projected Hessian where the exact one is not positive definite, and how
+    many steps of conjugate gradients the exact one took (T,)."""
     forcing = np.clip(state.residual, 1e-4, 1e-3)
     solve = conjugate_gradients(tangent.product, -state.gradient, precondition, tolerance=forcing)
     direction = solve.x
@@ -218,7 +173,7 @@ def _direction(
             tangent.product, right, solver.preconditioner(tangent), tolerance=forcing[bent], limit=400
         )
         direction[bent] = again.x
-    return direction
+    return direction, solve.iterations
 
 
 def _search(energy: Energy, state: _State, active: np.ndarray, direction: np.ndarray) -> np.ndarray:

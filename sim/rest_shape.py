@@ -10,7 +10,8 @@ from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.fixed_point import MixingOptions, fixed_point
 from sim.lame import Lame
-from sim.newton import LinearSolver, NewtonOptions, Status, equilibrate
+from sim.newton import NewtonOptions, Status, equilibrate
+from sim.solvers import LinearSolver
 from sim.terms.loads import AppliedForce
 
 

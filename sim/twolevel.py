@@ -136,6 +136,11 @@ class TwoLevel:
             coarse_inverse=self.coarse_inverse[index],
         )  # fmt: skip
 
+    @property
+    def positive(self) -> np.ndarray:
+        """Every frame (T,): what is not is made so."""
+        return np.ones(len(self.largest), bool)
+
     def moved(self, tangent: Tangent) -> "TwoLevel":
         """For a tangent of the same frames not far away: only the largest eigenvalue is found anew."""
         return replace(self, tangent=tangent, largest=_largest_eigenvalue(tangent, self.inverse_diagonal))

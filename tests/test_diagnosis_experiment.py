@@ -9,6 +9,7 @@ import sim_cases
 from sim.basis import Basis, FitOptions
 from sim.lame import Lame
 from sim.newton import equilibrate
+from sim.solvers import LinearSolver
 from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.material import StrainStiffening
@@ -45,7 +46,8 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def model(scene) -> Model:
     basis = Basis.of(scene.cloud, FitOptions(modes=4, ratio_modes=0), 1.0)
-    return Model(basis=basis, prior=basis.prior(0.2, 0.3), s2=NOISE**2, extra=())
+    solver = LinearSolver.of(scene.energy)
+    return Model(basis=basis, prior=basis.prior(0.2, 0.3), s2=NOISE**2, extra=(), solver=solver)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ NOISE = 1e-3
 def model(modes: int = 30) -> Model:
     basis = Basis.of(sim_cases.cloud("jittered"), FitOptions(modes=modes, ratio_modes=0), 1e4)
     stiff = basis.prior(3 * basis.size, 0.005)  # what a fit under wrong physics may end with
-    return Model(basis=basis, prior=np.append(stiff, 1.0), s2=NOISE**2, extra=())
+    return Model(basis=basis, prior=np.append(stiff, 1.0), s2=NOISE**2, extra=(), solver=None)
 
 
 def measured(m: Model, length: float, amplitude: float, seed: int) -> Normal:

@@ -34,6 +34,22 @@ def test_motion_is_the_one_that_its_own_history_leads_to(cause, scene, model):  
     assert np.abs(found.scene.y - scene.y).max() > NOISE  # it does something
 
 
+def test_a_hopeless_motion_is_not_followed_to_its_end(scene, model, monkeypatch):  # noqa: F811
+    """Once a round costs too much it is what is returned, at a cost beyond the bound; under any other bound nothing
+    changes."""
+    cause, theta = Softening(), np.array([STRONG[Softening]])
+    problem, still = Problem.of(scene, model, cause, next(iter(cause.places(scene)))), np.zeros(len(model.prior))
+
+    def cost(most: float) -> float:
+        found = solved(problem, scene, still, theta, most=most)
+        return problem.cost(found.scene, still, theta)
+
+    whole = cost(np.inf)
+    monkeypatch.setattr("sim.through_time._FAR", 0.0)  # so that rounds come after the first step
+    assert cost(np.inf) == cost(1e3 * whole) == pytest.approx(whole, rel=1e-2)
+    assert 1e-3 * whole < cost(1e-3 * whole) != whole
+
+
 def test_no_step_takes_all_of_a_material_away():
     both = Beside(StiffnessDrift(), Softening())
     far = both.stepped(np.zeros(2), np.array([7.0, 3.0]))
@@ -79,7 +95,7 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     """Beyond 0.15 there is none; the costs fall all the way there. Damping d shortens a step to 1 / (1 + d)."""
     tried: list[float] = []
 
-    def fake(problem, near, coefficients, theta, factors):
+    def fake(problem, near, coefficients, theta, factors, *, most):
         tried.append(float(coefficients[0]))
         return SimpleNamespace(coefficients=coefficients)
 
@@ -109,7 +125,7 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
     """Yeoh's beta below zero leaves a body without equilibrium, which is slow to find out: such steps are damped."""
     tried: list[float] = []
 
-    def fake(problem, near, coefficients, theta, factors):
+    def fake(problem, near, coefficients, theta, factors, *, most):
         tried.append(float(theta[0]))
         return SimpleNamespace(coefficients=coefficients, theta=theta)
 

@@ -7,8 +7,9 @@ import sim_cases
 from sim.adjoint import gradient_check, implicit_gradient, truncated_gradient
 from sim.elastic import Elastic
 from sim.energy import Energy
-from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.newton import NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
+from sim.solvers import LinearSolver
 
 LOADS = np.array([[0.0, 0.01, -0.03], [0.08, -0.02, 0.01]])  # [N]
 TIGHT = NewtonOptions(tolerance=1e-11)

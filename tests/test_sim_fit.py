@@ -122,15 +122,16 @@ def test_motion_without_loads_tells_no_modulus(few):
 
 
 def test_fit_that_was_interrupted_goes_on_to_the_same_material(few):
+    """But for what the solves' tolerance leaves: the factors that they share are not stored."""
     states = []
     options = FitOptions(modes=12, ratio_modes=2)
     whole = solve(*few, options=options, progress=states.append)
     assert len(states) > 1
     assert states[-1].done
     resumed = solve(*few, options=options, state=states[0])
-    assert (resumed.lame.mu == whole.lame.mu).all()
-    assert (resumed.lame.lam == whole.lame.lam).all()
-    assert resumed.state.objective == whole.state.objective
+    np.testing.assert_allclose(resumed.lame.mu, whole.lame.mu, rtol=1e-5)
+    np.testing.assert_allclose(resumed.lame.lam, whole.lame.lam, rtol=1e-5)
+    assert resumed.state.objective == pytest.approx(whole.state.objective, rel=1e-5)
 
 
 def test_field_beats_the_homogeneous_baseline(few):

@@ -11,7 +11,7 @@ from sim.elastic import Elastic
 from sim.energy import Energy, Tangent
 from sim.lame import Lame
 from sim.linear import DirectFactors, Layout, conjugate_gradients, solve_directly
-from sim.newton import LinearSolver
+from sim.solvers import LinearSolver
 from sim.terms.handles import Handles
 from sim.twolevel import TwoLevel
 
@@ -124,7 +124,7 @@ def test_solver_is_chosen_by_size_and_by_how_many_frames_there_are(tangent, monk
     energy, large = tangent.energy, held(sim_cases.elastic("poisson", count=1000), frames=1)
     assert isinstance(LinearSolver.of(energy).preconditioner(tangent), DirectFactors)
     assert isinstance(LinearSolver.of(large.energy).preconditioner(large), TwoLevel)
-    monkeypatch.setattr("sim.newton.ROOM", tangent.y.shape[1])  # of one frame; there are two
+    monkeypatch.setattr("sim.solvers.ROOM", tangent.y.shape[1])  # of one frame; there are two
     assert isinstance(LinearSolver.of(energy).preconditioner(tangent), TwoLevel)
     assert isinstance(LinearSolver.of(energy, "direct").preconditioner(tangent), DirectFactors)
 

@@ -11,7 +11,8 @@ from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.lame import Lame
 from sim.linear import conjugate_gradients
-from sim.newton import LinearSolver, NewtonOptions, equilibrate
+from sim.newton import NewtonOptions, equilibrate
+from sim.solvers import LinearSolver
 from sim.terms.loads import AppliedForce
 from veo_ti.body import MarkerTies, tie_markers
 

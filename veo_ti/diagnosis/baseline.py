@@ -6,6 +6,7 @@ import numpy as np
 
 from sim.basis import Basis
 from sim.fit import guess_modulus
+from sim.solvers import KeptSolver
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.leaders import CLOSER, LOOKS, WORTH, Progress
 from veo_ti.diagnosis.model import Model, Refit
@@ -44,7 +45,8 @@ class Baseline:
         say("discretisation")
         extra, state = discretisation(scene), identification.fit.state
         prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
-        model = Model(basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra)
+        solver = KeptSolver.of(scene.energy, len(scene.y))
+        model = Model(basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver)
         say("baseline")
         found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))
         for _ in range(LOOKS):

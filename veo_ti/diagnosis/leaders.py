@@ -188,7 +188,7 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
 
 
 def _beyond(tried: _Tried, modes: np.ndarray, say: Progress) -> _Tried:
-    """With what the cause does beyond the first order, as long as less is left with it."""
+    """With what the cause does beyond the first order, as long as clearly less is left with it."""
     for _ in range(_BEYOND):
         result = tried.tuned
         closer = result.cause.closer(result.scene, result.theta, result.place)
@@ -202,7 +202,9 @@ def _beyond(tried: _Tried, modes: np.ndarray, say: Progress) -> _Tried:
         )  # fmt: skip
         if again.left > tried.left:
             break
-        tried = again
+        last, tried = tried, again
+        if tried.left > CLOSER * last.left:
+            break
     return tried
 
 

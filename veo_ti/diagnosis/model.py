@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.basis import Basis
 from sim.evidence import Normal, left_out, posterior
+from sim.solvers import Solver
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.columns import Known
@@ -37,6 +38,7 @@ class Model:
     prior: np.ndarray  # (K + E,) of the material's coefficients and of the discretisation columns
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
+    solver: Solver  # for equilibria of all frames
 
     def tuned(self, normal: Normal, prior: np.ndarray, s2: float) -> np.ndarray:
         """The prior variances with the material's length and amplitude that have the highest evidence at s2 [m2].

@@ -68,12 +68,12 @@ def two_at_once(
 
     alone: a round that named none; narrower(candidate): model and floor once that cause is part of it; again(refits):
     the round with further refits. Where a first cause only had to move, and beside it the second adds nothing, that
-    round names it alone. A second cause is looked for beside each of the two that explain most, at least half, and
-    beside those that explain nearly as much; both are refitted together. Then beside the second ones of the best pairs:
-    the first one may only imitate what goes with them. Beside one that explains nearly all it may be a shadow, and has
-    to be as sure as one beside a named cause. Where all pairs that come near have one cause in common, that one is
-    named and the second round is ambiguous; where each is one of some beside one of others, and the best explains all
-    but noise, both rounds are.
+    round names it alone. A second cause is looked for beside each of the two that explain most, at least half, and, if
+    there is one, beside those that explain nearly as much; both are refitted together. Then beside the second ones of
+    the best pairs: the first one may only imitate what goes with them. Beside one that explains nearly all it may be a
+    shadow, and has to be as sure as one beside a named cause. Where all pairs that come near have one cause in common,
+    that one is named and the second round is ambiguous; where each is one of some beside one of others, and the best
+    explains all but noise, both rounds are.
     """
     able = [c for c in alone.candidates if c.able and c.testable and c.explained > EXPLAINED]
     pairs: list[_Pair] = []
@@ -95,8 +95,9 @@ def two_at_once(
 
     starts = sorted(able, key=lambda c: -c.explained)[: _MOST if causes else 0]
     starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
-    for start in starts:
-        beside(start)
+    for n, start in enumerate(starts):
+        if n < _STARTS or pairs or lone:
+            beside(start)
     for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(pairs)}]:
         beside(partner)
     single = again(lone) if lone else alone

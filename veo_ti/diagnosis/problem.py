@@ -1,14 +1,12 @@
 """What a refit varies, its residual and its cost, and how they answer to a little of everything."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from sim.energy import Energy
 from sim.evidence import Normal
-from sim.newton import LinearSolver
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.model import Model, change_of, shown_by
@@ -35,11 +33,6 @@ class Problem:
         widths = np.zeros(0) if cause is None else cause.widths(scene)
         prior = np.concatenate([model.prior, widths**2])
         return cls(model=model, base=scene.energy, cause=cause, place=place, prior=prior)
-
-    @cached_property
-    def solver(self) -> LinearSolver:
-        """For equilibria."""
-        return LinearSolver.of(self.base)
 
     @property
     def materials(self) -> int:

@@ -21,6 +21,7 @@ _CAUTION = 1.5  # largest change of log mu in one step
 _DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times
 _TRIES = 5  # of a step, ever more damped; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
+_HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 _PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
 _T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
@@ -134,7 +135,7 @@ def _best_start(
     without = Problem.of(scene, problem.model).cost(scene, start, np.zeros(0))
     for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
         begun = problem.stepped(np.zeros(len(theta)), share * theta)
-        state = solved(problem, scene, start + share * shift, begun)
+        state = solved(problem, scene, start + share * shift, begun, most=_HOPELESS * without)
         cost = _cost(problem, state)
         if cost < without:
             break
@@ -154,7 +155,8 @@ def _lower(
         step = step * problem.within(step, _CAUTION)
         theta = problem.stepped(state.theta, step[n:])
         if not problem.turned(theta, state.theta):
-            trial = solved(problem, state.scene, state.coefficients + step[:n], theta, state.factors)
+            after = state.coefficients + step[:n]
+            trial = solved(problem, state.scene, after, theta, state.factors, most=_HOPELESS * cost)
             lower = _cost(problem, trial)
             if lower < cost:
                 less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0

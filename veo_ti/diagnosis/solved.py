@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from sim.energy import Energy
-from sim.linear import ROOM, DirectFactors
+from sim.linear import ROOM, DirectFactors, Layout
 from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
 from sim.through_time import settle
@@ -41,24 +41,34 @@ class Solved:
 
 
 def solved(
-    problem: Problem, scene: Scene, coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None
-) -> Solved:
+    problem: Problem, scene: Scene, coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None,
+    *, most: float = np.inf,
+) -> Solved:  # fmt: skip
     """All frames in equilibrium, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
     through time find it, with the factors of a solve nearby; far from it after a few rounds of solves. Where there was
     no solve nearby and they fail, or so many factors have no room, rounds alone do; they are so slow that a step from a
-    solve nearby had better be shorter.
+    solve nearby had better be shorter. A motion on the way that costs over `most` is not followed to its end.
     """
-    energy, found = problem.energy(coefficients), None
+    energy = problem.energy(coefficients)
     still = _STILL * (scene.target.sigma or np.sqrt(problem.model.s2))
+
+    def hopeless(at: Scene) -> bool:
+        return problem.cost(at, coefficients, theta) > most
+
+    found = None
     if problem.cause is not None and problem.cause.follows and scene.y[..., 0].size <= ROOM:
         nearby = factors is not None
-        found, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors)
-        if found is None and nearby:
+        at, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors, hopeless)
+        if equilibrium.converged:
+            found = at
+        elif nearby:
             found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
+        else:
+            scene = at
     if found is None:
-        found, equilibrium = _in_rounds(problem, scene, energy, theta, still)
+        found, equilibrium = _in_rounds(problem, scene, energy, theta, still, hopeless)
     return Solved(
         scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
         equilibrium=equilibrium, factors=factors,
@@ -66,9 +76,10 @@ def solved(
 
 
 def _through_time(
-    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None
-) -> tuple[Scene | None, Equilibrium, DirectFactors | None]:
-    """All frames at once; no scene where one has no equilibrium.
+    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None,
+    hopeless: Callable[[Scene], bool],
+) -> tuple[Scene, Equilibrium, DirectFactors | None]:  # fmt: skip
+    """All frames at once, as far as they come.
 
     Far from it, where a turn makes every step short, rounds come nearer at less cost.
     """
@@ -80,35 +91,40 @@ def _through_time(
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
     to_its_end = partial(
-        settle, remembered, layout=problem.solver.layout, options=NEWTON, still=_NEAR * still, stalled=still
+        settle, remembered, layout=Layout.of(problem.base.elastic), options=NEWTON, still=_NEAR * still, stalled=still
     )
     settled = to_its_end(scene.y, factors=factors, patient=False)
     if not settled.equilibrium.converged:
         at = scene.moved(energy, settled.equilibrium.y)
-        nearer, equilibrium = _in_rounds(problem, at, energy, theta, _CLOSE * still, _FIRST, _ROUGHLY)
+        nearer, equilibrium = _in_rounds(
+            problem, at, energy, theta, _CLOSE * still, hopeless, rounds=_FIRST, options=_ROUGHLY
+        )
+        if equilibrium.converged and hopeless(nearer):
+            return nearer, equilibrium, None
         settled = to_its_end(nearer.y if equilibrium.converged else at.y)
-    reached = settled.equilibrium
-    return scene.moved(settled.energy, reached.y) if reached.converged else None, reached, settled.factors
+    return scene.moved(settled.energy, settled.equilibrium.y), settled.equilibrium, settled.factors
 
 
 def _in_rounds(
-    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, rounds: int = _ROUNDS,
-    options: NewtonOptions = NEWTON,
+    problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, hopeless: Callable[[Scene], bool],
+    *, rounds: int = _ROUNDS, options: NewtonOptions = NEWTON,
 ) -> tuple[Scene, Equilibrium]:  # fmt: skip
     """What follows from the motion is taken from the last motion, until the next one is the same: a fixed point.
 
     By Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more rounds where a frame
-    that counts has no equilibrium.
+    that counts has no equilibrium, or where they are hopeless.
     """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
     for more in reversed(range(rounds if problem.cause is not None and problem.cause.follows else 1)):
         change = problem.change(scene.of_material(energy.elastic.m), theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
-        equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.solver)
+        equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.model.solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
         if not more or not _found(scene, equilibrium) or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
+            break
+        if hopeless(found):
             break
         mixed = found.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else found

@@ -1,0 +1,141 @@
+"""What solves Newton's linear systems: preconditioners of every frame, fresh ones or ones that are kept."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.checks import require
+from sim.energy import Energy, Tangent
+from sim.linear import ROOM, DirectFactors, Layout, Preconditioner
+from sim.twolevel import Aggregates, TwoLevel
+
+_NEAR = 0.3  # of the load: residual below which a two-level preconditioner follows the state
+_CLOSE = 0.03  # below which a frame's last factors serve again; farther out they may hide that it has since buckled
+_SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
+_LASTING = 6000  # points, up to which factors that serve many solves take less time
+_WORN = 16  # steps of conjugate gradients that tell that a factor is out of date
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearSolver:
+    """Makes preconditioners for tangents of one cloud; what depends on the rest state only is kept."""
+
+    layout: Layout
+    aggregates: Aggregates
+    direct: float  # points of all frames together, up to which they are factorised
+    kept: Preconditioner | None = None  # of one state, for all others
+
+    @classmethod
+    def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
+        """ "auto" factorises small clouds and takes the two-level preconditioner for the others."""
+        cloud, pattern = energy.elastic.cloud, energy.elastic.pattern
+        direct = {"direct": np.inf, "auto": ROOM if cloud.count <= _SMALL else 0, "two-level": 0}[linear]
+        aggregates = Aggregates.of(cloud, pattern, energy.fixed)
+        return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
+
+    def preconditioner(self, tangent: Tangent) -> Preconditioner:
+        """A fresh preconditioner at the tangent's own state, unless one is kept."""
+        if self.kept is not None:
+            return self.kept
+        few = tangent.y[..., 0].size <= self.direct
+        return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
+
+    def begun(self, count: int) -> None:
+        """Nothing is known of so many frames when a solve begins."""
+
+    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
+        """Nothing is learnt from the steps (F,) of conjugate gradients that frames (F,) took."""
+
+    def following(
+        self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
+    ) -> Preconditioner:
+        """Of the next step, at residuals (T,): the last one, as far as its frames are near their solution."""
+        if isinstance(last, TwoLevel) and residual.max() < _NEAR:
+            return last.moved(tangent)
+        if not isinstance(last, DirectFactors) or self.kept is not None:
+            return self.preconditioner(tangent)
+        stale = np.flatnonzero((residual >= _CLOSE) | ~last.positive)
+        if len(stale) == 0:
+            return last
+        some = tangent if len(stale) == len(residual) else energy.frames(stale).tangent(tangent.y[stale])
+        return last.renewed(stale, DirectFactors.of(some, self.layout))
+
+    def near(self, tangent: Tangent) -> "LinearSolver":
+        """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""
+        return replace(self, kept=self.preconditioner(tangent))
+
+
+@dataclass(eq=False)
+class KeptSolver:
+    """A `LinearSolver` that keeps each frame's preconditioner until it is worn, for problems that follow one another.
+
+    A factor of another state serves as long as conjugate gradients are quick with it. Where they meet negative
+    curvature, the projected Hessian gets a factor of its own.
+    """
+
+    solver: LinearSolver
+    held: Preconditioner
+    steps: np.ndarray  # (T,) of conjugate gradients, that each frame took last
+
+    @classmethod
+    def of(cls, energy: Energy, frames: int, linear: str = "auto") -> "Solver":
+        """ "auto" factorises all but large clouds; where so many factors have no room nothing is kept."""
+        count = energy.elastic.cloud.count
+        small = linear == "auto" and count <= _LASTING
+        solver = LinearSolver.of(energy, "direct" if small else linear)
+        if frames > 1 and (frames * count > ROOM or frames * count > solver.direct):
+            return LinearSolver.of(energy, linear)
+        return cls(solver=solver, held=DirectFactors.none(frames), steps=np.zeros(frames, int))
+
+    def preconditioner(self, tangent: Tangent) -> Preconditioner:
+        """A fresh one, which is not kept."""
+        return self.solver.preconditioner(tangent)
+
+    def begun(self, count: int) -> "_Held":
+        """What is kept of all frames when a solve begins."""
+        require(count == len(self.steps), "frames", f"be the {len(self.steps)} of the solver", count)
+        return _Held(kept=self, index=np.arange(count))
+
+    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
+        """The steps (F,) of conjugate gradients that frames (F,) took."""
+        self.steps[frames] = steps
+
+    def following(self, last: "_Held", energy: Energy, tangent: Tangent, residual: np.ndarray) -> "_Held":
+        """The same, worn ones made anew at the tangent of these frames."""
+        stale = np.flatnonzero((self.steps[last.index] > _WORN) | ~last.positive)
+        if len(stale):
+            every = len(stale) == len(last.index)
+            fresh = self.solver.preconditioner(tangent if every else energy.frames(stale).tangent(tangent.y[stale]))
+            whole = len(stale) == len(self.steps)
+            self.held = fresh if whole else self.held.renewed(last.index[stale], fresh)
+            self.steps[last.index[stale]] = 0
+        return last
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Held:
+    """The kept preconditioners of some frames (F,)."""
+
+    kept: KeptSolver
+    index: np.ndarray
+
+    def frames(self, index: np.ndarray) -> "_Held":
+        """Of some of these."""
+        return replace(self, index=self.index[index])
+
+    @property
+    def positive(self) -> np.ndarray:
+        """Of these (F,)."""
+        return self._own.positive
+
+    def __call__(self, r: np.ndarray) -> np.ndarray:
+        """z ~ H^-1 r, (F, N, 3)."""
+        return self._own(r)
+
+    @property
+    def _own(self) -> Preconditioner:
+        held = self.kept.held
+        return held if len(self.index) == len(self.kept.steps) else held.frames(self.index)
+
+
+Solver = LinearSolver | KeptSolver

@@ -1,0 +1,77 @@
+"""Factors that are kept from solve to solve: the same equilibria, and made anew only where they are worn."""
+
+import numpy as np
+import pytest
+import sim_cases
+
+from sim.energy import Energy
+from sim.linear import DirectFactors
+from sim.newton import NewtonOptions, equilibrate
+from sim.solvers import KeptSolver, LinearSolver
+
+LOADS = np.array([[0.0, 0.0, 0.0], [0.0, 0.008, -0.02], [0.05, -0.01, 0.006], [0.0, 0.0, -0.01]])  # [N], about 1 Pa
+FRAMES = len(LOADS)
+TIGHT = NewtonOptions(tolerance=1e-9)
+
+
+@pytest.fixture(scope="module")
+def energy() -> Energy:
+    return sim_cases.clamped(sim_cases.elastic(), LOADS)
+
+
+@pytest.fixture
+def made(monkeypatch) -> list[int]:
+    """How many frames were factorised, each time that any were."""
+    counts, of = [], DirectFactors.of
+
+    def counted(tangent, layout):
+        counts.append(len(tangent.y))
+        return of(tangent, layout)
+
+    monkeypatch.setattr(DirectFactors, "of", counted)
+    return counts
+
+
+def softer(energy: Energy, share: float) -> Energy:
+    return energy.with_elastic(energy.elastic.with_parameters(share * energy.elastic.m))
+
+
+def test_equilibria_are_those_of_fresh_factors_which_are_made_once(energy, made):
+    """While the body gets softer by a third, and then as stiff as it was; the frame at rest never needs one."""
+    rest = sim_cases.at_rest(energy.elastic.cloud, FRAMES)
+    solver, y = KeptSolver.of(energy, FRAMES), equilibrate(energy, rest).require_converged().y
+    made.clear()
+    for share in (0.95, 0.8, 0.7, 0.9, 1.0):
+        problem = softer(energy, share)
+        y = equilibrate(problem, y, options=TIGHT, solver=solver).require_converged().y
+        kept = len(made)
+        fresh = equilibrate(problem, y, options=TIGHT, solver=LinearSolver.of(energy, "two-level"))
+        again = equilibrate(problem, rest, options=TIGHT)
+        del made[kept:]
+        assert np.abs(y - again.require_converged().y).max() < 1e-6 * energy.elastic.cloud.spacing
+        assert (fresh.iterations == 0).all()  # it was there already
+    assert made == [FRAMES - 1]
+
+
+def test_only_worn_factors_are_made_anew(energy, made):
+    y = sim_cases.at_rest(energy.elastic.cloud, FRAMES)
+    solver = KeptSolver.of(energy, FRAMES)
+    equilibrate(energy, y, options=TIGHT, solver=solver).require_converged()
+    before = solver.held.factors
+    solver.spent(np.arange(FRAMES), np.array([0, 3, 100, 3]))
+    equilibrate(softer(energy, 0.9), y, options=TIGHT, solver=solver).require_converged()
+    assert made == [FRAMES - 1, 1]
+    assert [old is new for old, new in zip(before, solver.held.factors, strict=True)] == [True, True, False, True]
+
+
+def test_factors_that_have_no_room_are_not_kept(energy, monkeypatch):
+    monkeypatch.setattr("sim.solvers.ROOM", FRAMES * energy.elastic.cloud.count)
+    assert isinstance(KeptSolver.of(energy, FRAMES), KeptSolver)
+    assert isinstance(KeptSolver.of(energy, FRAMES + 1), LinearSolver)
+    assert isinstance(KeptSolver.of(energy, FRAMES, "two-level"), LinearSolver)
+
+
+def test_a_solver_keeps_the_factors_of_its_own_frames_only(energy):
+    solver = KeptSolver.of(energy, FRAMES + 1)
+    with pytest.raises(ValueError, match=f"frames must be the {FRAMES + 1} of the solver; got {FRAMES}"):
+        equilibrate(energy, sim_cases.at_rest(energy.elastic.cloud, FRAMES), solver=solver)
