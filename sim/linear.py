@@ -176,6 +176,11 @@ class DirectFactors:
         """The frames (T,) whose tangent was positive definite."""
         return np.array([isinstance(f, Cholesky) for f in self.factors], bool)
 
+    @property
+    def single(self) -> "DirectFactors":
+        """In single precision, where they are positive: they still precondition as well."""
+        return DirectFactors(factors=tuple(f.single if isinstance(f, Cholesky) else f for f in self.factors))
+
     def renewed(self, frames: np.ndarray, fresh: "DirectFactors") -> "DirectFactors":
         """Those of some frames replaced."""
         factors = list(self.factors)

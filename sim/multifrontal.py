@@ -8,7 +8,7 @@ the GPL.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -80,10 +80,16 @@ class Cholesky:
     dissection: Dissection
     parts: tuple[tuple[np.ndarray, np.ndarray], ...]
 
+    @property
+    def single(self) -> "Cholesky":
+        """In single precision: half the memory, and half the time of a solve, which is spent on reading it."""
+        parts = tuple((upper.astype(np.float32), low.astype(np.float32)) for upper, low in self.parts)
+        return replace(self, parts=parts)
+
     def solve(self, right: np.ndarray) -> np.ndarray:
         """H^-1 right for right (3 N, K)."""
         order, fronts = self.dissection.order, self.dissection.fronts
-        x = right.reshape(len(order), 3, -1)[order]
+        x = right.reshape(len(order), 3, -1)[order].astype(self.parts[0][0].dtype, copy=False)
         K = x.shape[2]
         for front, (upper, low) in zip(fronts, self.parts, strict=True):
             own = upper.T @ x[front.first : front.last].reshape(-1, K)
@@ -92,7 +98,7 @@ class Cholesky:
         for front, (upper, low) in zip(reversed(fronts), reversed(self.parts), strict=True):
             own = x[front.first : front.last].reshape(-1, K) - low.T @ x[front.above].reshape(-1, K)
             x[front.first : front.last] = (upper @ own).reshape(-1, 3, K)
-        result = np.empty_like(x)
+        result = np.empty_like(x, right.dtype)
         result[order] = x
         return result.reshape(right.shape)
 

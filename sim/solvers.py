@@ -13,7 +13,7 @@ _NEAR = 0.3  # of the load: residual below which a two-level preconditioner foll
 _CLOSE = 0.03  # below which a frame's last factors serve again; farther out they may hide that it has since buckled
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
 _LASTING = 6000  # points, up to which factors that serve many solves take less time
-_WORN = 16  # steps of conjugate gradients that tell that a factor is out of date
+_WORN = 10  # steps of conjugate gradients that tell that a factor is out of date
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,6 +106,7 @@ class KeptSolver:
         if len(stale):
             every = len(stale) == len(last.index)
             fresh = self.solver.preconditioner(tangent if every else energy.frames(stale).tangent(tangent.y[stale]))
+            fresh = fresh.single if isinstance(fresh, DirectFactors) else fresh
             whole = len(stale) == len(self.steps)
             self.held = fresh if whole else self.held.renewed(last.index[stale], fresh)
             self.steps[last.index[stale]] = 0
