@@ -106,9 +106,10 @@ class KeptSolver:
         if len(stale):
             every = len(stale) == len(last.index)
             fresh = self.solver.preconditioner(tangent if every else energy.frames(stale).tangent(tangent.y[stale]))
-            fresh = fresh.single if isinstance(fresh, DirectFactors) else fresh
-            whole = len(stale) == len(self.steps)
-            self.held = fresh if whole else self.held.renewed(last.index[stale], fresh)
+            if len(self.steps) == 1:
+                self.held = fresh
+            else:  # many: they take less memory, and are read in half the time
+                self.held = self.held.renewed(last.index[stale], fresh.single)
             self.steps[last.index[stale]] = 0
         return last
 
