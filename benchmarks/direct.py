@@ -15,9 +15,25 @@ except ImportError:
     cholmod = None
 
 
+class _Fresh:
+    """Stands in for a LinearSolver of one frame that keeps nothing from step to step."""
+
+    def begun(self, count: int) -> None:
+        """Nothing."""
+
+    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
+        """Nothing."""
+
+    def following(
+        self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
+    ) -> Preconditioner:
+        """A fresh one."""
+        return self.preconditioner(tangent)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cholmod:
-    """Stands in for a LinearSolver, one frame at a time; the symbolic analysis is made once for the pattern."""
+class Cholmod(_Fresh):
+    """The symbolic analysis is made once for the pattern; it is its own preconditioner, of the last frame."""
 
     layout: Layout
     lower: np.ndarray  # (L,) places of the lower triangle's entries among the matrix's
@@ -42,17 +58,21 @@ class Cholmod:
             cholmod.numeric(self.pattern, self.factor)
         except ArithmeticError:
             return DirectFactors.of(tangent, self.layout)
-        return self._solve
+        return self
 
-    def _solve(self, right: np.ndarray) -> np.ndarray:
+    def frames(self, index: np.ndarray) -> "Cholmod":
+        """Itself: there is one frame."""
+        return self
+
+    def __call__(self, right: np.ndarray) -> np.ndarray:
         x = matrix(right.reshape(-1, 1))
         cholmod.solve(self.factor, x)
         return np.array(x).reshape(right.shape)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Superlu:
-    """The same by SuperLU, which analyses the pattern anew for every matrix."""
+class Superlu(_Fresh):
+    """SuperLU, which analyses the pattern anew for every matrix."""
 
     layout: Layout
 

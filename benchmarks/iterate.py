@@ -10,7 +10,7 @@ from benchmarks.table import Row
 from benchmarks.timing import interleaved
 from sim.adjoint import gradient_check, implicit_gradient
 from sim.newton import Equilibrium, NewtonOptions, equilibrate
-from sim.solvers import LinearSolver
+from sim.solvers import KeptSolver, LinearSolver
 
 _CHANGE = 0.05  # standard deviation of the change of log mu and log lam at every point: a late step of a fit
 _LOOSE = NewtonOptions(tolerance=1e-5)  # what the fit asks for
@@ -51,6 +51,7 @@ def iterate_rows(points: int, frames: int) -> list[Row]:
         found.times("Cold solve to 1e-8", "cold"),
         found.times(f"Warm solve to 1e-8, {changed}", "warm", 10),
         found.times(f"Warm solve to {_LOOSE.tolerance:g}, as the fit asks, {changed}", "loose"),
+        found.times("The same with factors kept from the solves before", "kept"),
         found.share(found.peer, "exact", 0.1),
         found.share("our own cold solve", "cold"),
     ]
@@ -63,6 +64,9 @@ def _measure(points: int, frames: int) -> _Measured:
     m = energy.elastic.m * np.exp(_CHANGE * np.random.default_rng(0).standard_normal((len(rest[0]), 2)))
     changed = energy.with_elastic(energy.elastic.with_parameters(m))
     found: dict[str, Equilibrium] = {}
+    keeper, before = KeptSolver.of(energy, frames), rest
+    for material in (energy, changed, energy):  # solves that follow one another
+        before = equilibrate(material, before, options=_LOOSE, solver=keeper).require_converged().y
 
     def exact() -> None:
         for t in np.linspace(0, frames - 1, _FEW).astype(int):
@@ -77,11 +81,14 @@ def _measure(points: int, frames: int) -> _Measured:
     def loose() -> None:
         found["loose"] = equilibrate(changed, found["cold"].y, options=_LOOSE, solver=solver).require_converged()
 
+    def kept() -> None:
+        found["kept"] = equilibrate(changed, before, options=_LOOSE, solver=keeper).require_converged()
+
     def adjoint() -> None:
         y = found["cold"].y
         implicit_gradient(energy, y, 2 * (y - rest), solver=solver)
 
-    jobs = {"exact": exact, "cold": cold, "warm": warm, "loose": loose, "adjoint": adjoint}
+    jobs = {"exact": exact, "cold": cold, "warm": warm, "loose": loose, "kept": kept, "adjoint": adjoint}
     seconds = {job: s[0] / (_FEW if job == "exact" else frames) for job, s in interleaved(jobs, 1, warm=0).items()}
     return _Measured(
         size=f"{len(rest[0])} points x {frames} frames",
