@@ -15,7 +15,7 @@ LONGEST = 250
 SIM_ORDER = (
     "runtime", "dtypes", "checks", "_open3d", "blocks", "lame", "laws", "hull", "consistency", "cloud", "join",
     "pattern", "multifrontal", "stencil", "material", "elastic", "occlusion", "terms", "energy", "twolevel", "linear",
-    "newton", "gradual", "kept", "vibration", "dynamics", "fixed_point", "follower", "rest_shape", "adjoint",
+    "solvers", "newton", "gradual", "vibration", "dynamics", "fixed_point", "follower", "rest_shape", "adjoint",
     "sensitivity", "through_time", "recollection", "prior", "basis", "evidence", "target", "fit", "adam",
 )
 SIM_FORBIDS = {"recon", "veo_ti", "torch", "h5py", "cv2", "pyvista", "rich", "cyclopts"}
