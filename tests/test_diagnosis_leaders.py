@@ -127,3 +127,21 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, foll
     found = leaders.refitted(given, current, SimpleNamespace(s2=9.0), 1.0, None, str, beside=before)
     assert looks == followed
     assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0
+
+
+@pytest.mark.parametrize(("leaves", "asked", "left"), [
+    ((5.0, 2.0, 1.9), 3, 1.9), ((9.5, 1.0), 1, 9.5), ((11.0, 1.0), 1, 10.0), ((5.0, 2.0, 1.0, 0.1), 3, 1.0),
+])  # fmt: skip
+def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(leaves, asked, left, monkeypatch):
+    """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most."""
+    fits = iter(leaves)
+    cause = SimpleNamespace(name="any", closer=lambda *_: ("place", None))
+
+    def tried(left: float) -> SimpleNamespace:
+        tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=None, without=None, coefficients=None)
+        return SimpleNamespace(tuned=tuned, following=None, left=left)
+
+    monkeypatch.setattr(leaders, "refit", lambda *_, **more: None)
+    monkeypatch.setattr(leaders._Tried, "of", lambda *_, **more: tried(next(fits)))
+    assert leaders._beyond(tried(10.0), None, str).left == left
+    assert len(leaves) - len(list(fits)) == asked

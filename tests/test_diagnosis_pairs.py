@@ -232,6 +232,16 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
     assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
 
 
+def test_no_further_start_is_tried_where_the_first_two_found_no_second_cause(monkeypatch):
+    starts = tuple(replace(pair(n, "y", 10).first, explained=e) for n, e in (("a", 0.9), ("b", 0.89), ("c", 0.88)))
+    left, asked = Misfit(energy=0.0, mean=0.0, sd=1.0), []
+    alone = Round(misfit=left, scores=(), candidates=starts, verdict=unexplained(()), s2=1.0)
+    nothing = replace(alone, candidates=())
+    monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
+    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
+    assert asked == ["a", "b"]
+
+
 def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # noqa: F811
     wrong, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
     elsewhere, force = list(HiddenForce().places(filmed))[9], np.array(FORCE)
