@@ -15,6 +15,7 @@ from sim.adam import fit_adam
 from sim.basis import FitOptions
 from sim.energy import Energy
 from sim.linear import DirectFactors, Layout
+from sim.newton import equilibrate
 
 FRAMES = 5  # not a multiple of the floor's eight, more than the slow peers' four
 
@@ -38,6 +39,19 @@ def test_every_peer_computes_the_same_hessian_product(energy, states):
         job()
         assert result().shape == (count, *p.shape[1:])
         assert np.abs(result() - ours[:count]).max() <= 1e-9 * np.abs(ours).max(), name
+
+
+@pytest.mark.parametrize("name", ["Cholmod", "Superlu"])
+def test_newton_with_a_direct_peer_reaches_our_equilibrium(energy, name):
+    if name == "Cholmod":
+        pytest.importorskip("cvxopt")
+    from benchmarks import direct
+
+    part, rest = energy.frames(np.array([1])), scene.at_rest(energy, 1)
+    found = equilibrate(part, rest, solver=getattr(direct, name).of(energy)).require_converged()
+    ours = equilibrate(part, rest).require_converged()
+    assert sim_cases.relative(found.y - rest, ours.y - rest) < 1e-6
+    assert found.iterations == ours.iterations
 
 
 def test_cholmod_is_the_inverse_of_one_frame_after_another(energy, states):
