@@ -8,13 +8,13 @@ import numpy as np
 from sim.energy import Energy
 from sim.linear import conjugate_gradients
 from sim.newton import NewtonOptions, equilibrate
-from sim.solvers import LinearSolver
+from sim.solvers import LinearSolver, Solver
 
 Loss = Callable[[np.ndarray], tuple[float, np.ndarray]]  # y (T, N, 3) -> value and derivative (T, N, 3)
 
 
 def implicit_gradient(
-    energy: Energy, y: np.ndarray, slope: np.ndarray, *, solver: LinearSolver | None = None, tolerance: float = 1e-8
+    energy: Energy, y: np.ndarray, slope: np.ndarray, *, solver: Solver | None = None, tolerance: float = 1e-8
 ) -> np.ndarray:
     """dL/dm (N, P) at the equilibrium y for a loss with dL/dy = slope (T, N, 3).
 
@@ -62,7 +62,7 @@ def _hessian_part(energy: Energy, y: np.ndarray, w: np.ndarray, d: np.ndarray) -
 
 
 def gradient_check(
-    energy: Energy, y: np.ndarray, loss: Loss, *, seed: int = 0, step: float = 2e-3, solver: LinearSolver | None = None
+    energy: Energy, y: np.ndarray, loss: Loss, *, seed: int = 0, step: float = 2e-3, solver: Solver | None = None
 ) -> float:
     """Relative error of the adjoint against fourth-order central differences of the loss, along a random one of log m.
 

@@ -18,12 +18,11 @@ _WORN = 10  # steps of conjugate gradients that tell that a factor is out of dat
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearSolver:
-    """Makes preconditioners for tangents of one cloud; what depends on the rest state only is kept."""
+    """Makes preconditioners for tangents of one cloud; what depends on the rest state only is made once."""
 
     layout: Layout
     aggregates: Aggregates
     direct: float  # points of all frames together, up to which they are factorised
-    kept: Preconditioner | None = None  # of one state, for all others
 
     @classmethod
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
@@ -34,9 +33,7 @@ class LinearSolver:
         return cls(layout=Layout.of(energy.elastic), aggregates=aggregates, direct=direct)
 
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
-        """A fresh preconditioner at the tangent's own state, unless one is kept."""
-        if self.kept is not None:
-            return self.kept
+        """A fresh preconditioner at the tangent's own state."""
         few = tangent.y[..., 0].size <= self.direct
         return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
 
@@ -52,17 +49,12 @@ class LinearSolver:
         """Of the next step, at residuals (T,): the last one, as far as its frames are near their solution."""
         if isinstance(last, TwoLevel) and residual.max() < _NEAR:
             return last.moved(tangent)
-        if not isinstance(last, DirectFactors) or self.kept is not None:
+        if not isinstance(last, DirectFactors):
             return self.preconditioner(tangent)
         stale = np.flatnonzero((residual >= _CLOSE) | ~last.positive)
         if len(stale) == 0:
             return last
-        some = tangent if len(stale) == len(residual) else energy.frames(stale).tangent(tangent.y[stale])
-        return last.renewed(stale, DirectFactors.of(some, self.layout))
-
-    def near(self, tangent: Tangent) -> "LinearSolver":
-        """The same with the preconditioner of this state kept: for a single frame's solves that stay near it."""
-        return replace(self, kept=self.preconditioner(tangent))
+        return last.renewed(stale, DirectFactors.of(_of_frames(stale, energy, tangent), self.layout))
 
 
 @dataclass(eq=False)
@@ -81,10 +73,10 @@ class KeptSolver:
     def of(cls, energy: Energy, frames: int, linear: str = "auto") -> "Solver":
         """ "auto" factorises all but large clouds; where so many factors have no room nothing is kept."""
         count = energy.elastic.cloud.count
-        small = linear == "auto" and count <= _LASTING
-        solver = LinearSolver.of(energy, "direct" if small else linear)
-        if frames > 1 and (frames * count > ROOM or frames * count > solver.direct):
+        direct = linear == "direct" or (linear == "auto" and count <= _LASTING)
+        if frames > 1 and not (direct and frames * count <= ROOM):
             return LinearSolver.of(energy, linear)
+        solver = LinearSolver.of(energy, "direct" if direct else linear)
         return cls(solver=solver, held=DirectFactors.none(frames), steps=np.zeros(frames, int))
 
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
@@ -104,8 +96,7 @@ class KeptSolver:
         """The same, worn ones made anew at the tangent of these frames."""
         stale = np.flatnonzero((self.steps[last.index] > _WORN) | ~last.positive)
         if len(stale):
-            every = len(stale) == len(last.index)
-            fresh = self.solver.preconditioner(tangent if every else energy.frames(stale).tangent(tangent.y[stale]))
+            fresh = self.solver.preconditioner(_of_frames(stale, energy, tangent))
             if len(self.steps) == 1:
                 self.held = fresh
             else:  # many: they take less memory, and are read in half the time
@@ -138,6 +129,11 @@ class _Held:
     def _own(self) -> Preconditioner:
         held = self.kept.held
         return held if len(self.index) == len(self.kept.steps) else held.frames(self.index)
+
+
+def _of_frames(index: np.ndarray, energy: Energy, tangent: Tangent) -> Tangent:
+    """The tangent of some of its frames."""
+    return tangent if len(index) == len(tangent.y) else energy.frames(index).tangent(tangent.y[index])
 
 
 Solver = LinearSolver | KeptSolver

@@ -7,7 +7,6 @@ import numpy as np
 
 from sim.energy import Energy
 from sim.linear import DirectFactors, Layout
-from sim.multifrontal import Cholesky
 from sim.newton import Equilibrium, NewtonOptions, Status
 from sim.sensitivity import Past, answers_in_turn
 
@@ -50,7 +49,7 @@ def settle(
     while here.residual.max() > options.tolerance and steps < options.iterations:
         if factors is None:
             factors, fresh = DirectFactors.of(here.energy.tangent(here.y), layout), True
-            if not all(isinstance(f, Cholesky) for f in factors.factors):
+            if not factors.positive.all():
                 ending = Status.LINE_SEARCH
                 break
         direction = here.way(factors, here.gradient)

@@ -128,6 +128,11 @@ def pair(first: str, second: str, evidence: float, short: float = 0.0, leaves: f
     return pairs._Pair(first=candidate(first), second=candidate(second), found=found, model=None)
 
 
+def unexplained_by(*candidates: Candidate) -> Round:
+    left = Misfit(energy=0.0, mean=0.0, sd=1.0)
+    return Round(misfit=left, scores=(), candidates=candidates, verdict=unexplained(()), s2=1.0)
+
+
 def test_a_pair_is_alone_only_where_no_other_comes_near():
     best, far, near = pair("a", "b", 200), pair("a", "c", 100), pair("d", "b", 190)
     assert pairs._near([far, best]) == [best]
@@ -199,8 +204,7 @@ def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone
     """Both together are worth 200 nats: no more than the first one alone where it is beside the second."""
     both = pair("a", "b", 200, leaves=0.0)
     first = replace(both.first, explained=0.8)
-    left, moved = Misfit(energy=0.0, mean=0.0, sd=1.0), SimpleNamespace(evidence=lambda s2: alone_there)
-    alone = Round(misfit=left, scores=(), candidates=(first,), verdict=unexplained(()), s2=1.0)
+    moved, alone = SimpleNamespace(evidence=lambda s2: alone_there), unexplained_by(first)
     found = replace(alone, candidates=(both.second,))
     monkeypatch.setattr(pairs, "look", lambda *given, **more: found)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)
@@ -208,38 +212,6 @@ def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone
     given = lambda c: (None, 1.0), None, [both.second], str, lambda more: replace(alone, verdict=named(both.first))
     said = pairs.two_at_once(alone, *given)
     assert [r.verdict.causes[0].name for r in said] == names
-
-
-def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkeypatch):
-    """`a` and `x` explain most alone, and `a` with `b` nearly all; but `c`, which nobody tried beside them, with `b`
-    all of it."""
-    first, better = pair("a", "b", 200, leaves=0.002), pair("b", "c", 400, leaves=0.001)
-    b = replace(better.first, explained=0.7)
-    starts = [replace(first.first, explained=0.9), replace(pair("x", "y", 10).first, explained=0.88)]
-    left = Misfit(energy=0.0, mean=0.0, sd=1.0)
-    alone = Round(misfit=left, scores=(), candidates=(*starts, b), verdict=unexplained(()), s2=1.0)
-    seconds, asked = {"a": (first.second,), "x": (), "b": (better.second,)}, []
-
-    def look(current, *given, **more):
-        asked.append((current.cause.name, more["least"]))
-        return replace(alone, candidates=seconds[current.cause.name], least=2.0)
-
-    monkeypatch.setattr(pairs, "look", look)
-    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
-    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
-    said = pairs.two_at_once(alone, lambda c: (None, 1.0), None, [b], str, None)
-    assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave
-    assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
-
-
-def test_no_further_start_is_tried_where_the_first_two_found_no_second_cause(monkeypatch):
-    starts = tuple(replace(pair(n, "y", 10).first, explained=e) for n, e in (("a", 0.9), ("b", 0.89), ("c", 0.88)))
-    left, asked = Misfit(energy=0.0, mean=0.0, sd=1.0), []
-    alone = Round(misfit=left, scores=(), candidates=starts, verdict=unexplained(()), s2=1.0)
-    nothing = replace(alone, candidates=())
-    monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
-    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
-    assert asked == ["a", "b"]
 
 
 def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # noqa: F811

@@ -55,20 +55,15 @@ def solved(
     still = _STILL * (scene.target.sigma or np.sqrt(problem.model.s2))
 
     def hopeless(at: Scene) -> bool:
-        return problem.cost(at, coefficients, theta) > most
+        return most < np.inf and problem.cost(at, coefficients, theta) > most
 
-    found = None
+    nearby, found, equilibrium = factors is not None, scene, None
     if problem.cause is not None and problem.cause.follows and scene.y[..., 0].size <= ROOM:
-        nearby = factors is not None
-        at, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors, hopeless)
-        if equilibrium.converged:
-            found = at
-        elif nearby:
-            found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
-        else:
-            scene = at
-    if found is None:
-        found, equilibrium = _in_rounds(problem, scene, energy, theta, still, hopeless)
+        found, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors, hopeless)
+    if equilibrium is None or not (equilibrium.converged or nearby):
+        found, equilibrium = _in_rounds(problem, found, energy, theta, still, hopeless)
+    elif not equilibrium.converged:
+        found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
     return Solved(
         scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
         equilibrium=equilibrium, factors=factors,
@@ -122,9 +117,8 @@ def _in_rounds(
         equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.model.solver)
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
-        if not more or not _found(scene, equilibrium) or np.sqrt(((found.y - scene.y) ** 2).mean()) < still:
-            break
-        if hopeless(found):
+        settled = np.sqrt(((found.y - scene.y) ** 2).mean()) < still
+        if not more or settled or not _found(scene, equilibrium) or hopeless(found):
             break
         mixed = found.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else found

@@ -1,0 +1,37 @@
+"""Beside which causes a second one is looked for."""
+
+from dataclasses import replace
+
+import numpy as np
+from test_diagnosis_pairs import pair, unexplained_by
+
+from veo_ti.diagnosis import pairs
+
+
+def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkeypatch):
+    """`a` and `x` explain most alone, and `a` with `b` nearly all; but `c`, which nobody tried beside them, with `b`
+    all of it."""
+    first, better = pair("a", "b", 200, leaves=0.002), pair("b", "c", 400, leaves=0.001)
+    b = replace(better.first, explained=0.7)
+    starts = [replace(first.first, explained=0.9), replace(pair("x", "y", 10).first, explained=0.88)]
+    alone = unexplained_by(*starts, b)
+    seconds, asked = {"a": (first.second,), "x": (), "b": (better.second,)}, []
+
+    def look(current, *given, **more):
+        asked.append((current.cause.name, more["least"]))
+        return replace(alone, candidates=seconds[current.cause.name], least=2.0)
+
+    monkeypatch.setattr(pairs, "look", look)
+    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
+    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
+    said = pairs.two_at_once(alone, lambda c: (None, 1.0), None, [b], str, None)
+    assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave
+    assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
+
+
+def test_no_further_start_is_tried_where_the_first_two_found_no_second_cause(monkeypatch):
+    starts = tuple(replace(pair(n, "y", 10).first, explained=e) for n, e in (("a", 0.9), ("b", 0.89), ("c", 0.88)))
+    alone, nothing, asked = unexplained_by(*starts), unexplained_by(), []
+    monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
+    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
+    assert asked == ["a", "b"]
