@@ -20,12 +20,14 @@ from benchmarks.reconstruction_rows import (
     truth_row,
 )
 from benchmarks.table import Row, publish, report
+from recon.radiance.device import use
 from recon.radiance.extraction import ExtractOptions, extract
 from recon.radiance.options import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.motion import SHAPES
 from recon.rig.options import RigOptions
 from recon.rig.truth import lend_mattes, read_truth
+from sim.runtime import ARCHITECTURES
 from veo_ti.reconstruction.loop import run_recording
 from veo_ti.reconstruction.run import ReconstructChoice
 
@@ -167,8 +169,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small recordings: does everything run?")
     parser.add_argument("--only", nargs="*", help="sections, by their first word")
     parser.add_argument("--folder", type=Path, help="keep the recordings here, and go on with those that are there")
+    parser.add_argument("--device", choices=ARCHITECTURES, default="cpu", help="what trains and renders")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the markdown here too")
     given = parser.parse_args()
+    use(given.device)
     with tempfile.TemporaryDirectory() as place:
         measured = sections(given.folder or Path(place), QUICK if given.quick else FULL)
         wanted = {n: m for n, m in measured.items() if not given.only or any(n.startswith(w) for w in given.only)}

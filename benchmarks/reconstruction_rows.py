@@ -14,6 +14,7 @@ from benchmarks.table import Row
 from recon.cameras import Camera
 from recon.plush.reconstruction import read_plush
 from recon.quality.similarity import psnr
+from recon.radiance.device import array, tensor
 from recon.radiance.extraction import Cloud4D
 from recon.radiance.options import TrainOptions
 from recon.radiance.rendering import STILL, render
@@ -111,11 +112,11 @@ def grey_row(colour: tuple[Filmed, Work], greys: tuple[Filmed, Work]) -> Row:
 def correspondence_row(filmed: Filmed, work: Work, what: str, *, mean: float, median: float | None) -> Row:
     """How far w carries true surface points from where they truly go, in every frame but the first."""
     truth, trained = filmed.truth, work.trained
-    start = torch.from_numpy(truth.rest[truth.surface].astype(np.float32))
+    start = tensor(truth.rest[truth.surface].astype(np.float32))
     off, moved = [], []
     canonical = trained.field.from_first(start)
     for frame in range(1, len(truth.points)):
-        found = trained.field.warped(canonical, torch.full((len(start),), frame)).double().numpy()
+        found = array(trained.field.warped(canonical, torch.full((len(start),), frame, device=start.device)).double())
         off.append(np.linalg.norm(found - truth.points[frame][truth.surface], axis=1))
         moved.append(np.linalg.norm(truth.points[frame][truth.surface] - truth.rest[truth.surface], axis=1))
     share, still = (100 * np.array(v) / diagonal(truth) for v in (off, moved))

@@ -6,9 +6,20 @@ from pathlib import Path
 
 import pytest
 
+from recon.radiance import device
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")  # its handler would hide where the process crashed
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--device", help="what the kernels run on: cpu or cuda")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--device"):
+        device.use(config.getoption("--device"))
 
 
 @pytest.fixture

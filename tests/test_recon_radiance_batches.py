@@ -6,6 +6,7 @@ import torch
 from test_recon_radiance import OPTIONS, cameras, views  # noqa: F401
 
 from recon.radiance.batches import Pixels
+from recon.radiance.device import array
 from recon.radiance.hulls import hulls_of
 
 
@@ -37,9 +38,9 @@ def test_all_of_the_object_and_half_of_what_is_beside_it_are_looked_at(views, oc
 def test_what_is_drawn_is_what_was_filmed(views, occupancy):  # noqa: F811
     pixels, frames = Pixels.of(views, occupancy), torch.arange(2).repeat(200)
     batch = pixels.draw(frames, torch.Generator().manual_seed(0))
-    toward = {tuple(d): n for n, d in enumerate(pixels.directions.numpy().tolist())}
-    number = np.array([toward[tuple(d)] for d in batch.direction.numpy().tolist()])
+    toward = {tuple(d): n for n, d in enumerate(pixels.directions.tolist())}
+    number = np.array([toward[tuple(d)] for d in batch.direction.tolist()])
     for frame in (0, 1):
         own = frames.numpy() == frame
-        assert (batch.colour.numpy()[own] == of_all(views.images, frame)[number[own]] / np.float32(255)).all()
-        assert (batch.matte.numpy()[own] == of_all(views.mattes, frame)[number[own]] / np.float32(255)).all()
+        assert (array(batch.colour)[own] == of_all(views.images, frame)[number[own]] / np.float32(255)).all()
+        assert (array(batch.matte)[own] == of_all(views.mattes, frame)[number[own]] / np.float32(255)).all()

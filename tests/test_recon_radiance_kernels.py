@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from recon.radiance.compositing import composite
-from recon.radiance.hashgrid import HashEncoding, HashGrid
+from recon.radiance.hashgrid import FEATURES, HashEncoding, HashGrid, kernels_of
 from recon.radiance.marching import Occupancy, march
 from recon.radiance.rendering import along
 from recon.radiance.stopping import Stops
@@ -60,6 +60,19 @@ def test_hash_grid_passes_both_gradients_on(places):
         found.append((p.grad, encoding.table.grad.clone()))
     for ours, theirs in zip(*found, strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-10, atol=1e-12)
+
+
+def test_adding_at_once_gives_the_gradient_of_adding_in_order():
+    """What a GPU adds up; where many places share few entries, none may be lost."""
+    grid = HashEncoding(SMALL, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(4)
+    places = torch.rand(5000, 3, generator=generator, dtype=torch.float64)
+    pulled = torch.randn(5000, SMALL.levels, FEATURES, generator=generator, dtype=torch.float64)
+    found = [torch.zeros_like(grid.table) for _ in range(2)]
+    kernels = kernels_of(torch.float64)
+    for add, out in zip((kernels.table_gradient, kernels.table_gradient_at_once), found, strict=True):
+        add(places, grid.layout, 2**SMALL.log2_table - 1, pulled, out.detach())
+    torch.testing.assert_close(*found, rtol=1e-12, atol=1e-12)
 
 
 def test_a_level_without_weight_is_seen_but_does_not_pull(places):

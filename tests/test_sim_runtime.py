@@ -29,6 +29,19 @@ def test_unknown_architecture_is_refused():
         runtime.ensure("tpu")
 
 
+def test_another_architecture_than_the_running_one_is_refused():
+    code = """if True:
+        import sim.runtime
+        sim.runtime.ensure()
+        try:
+            sim.runtime.ensure("cuda")
+        except RuntimeError as fault:
+            print(sim.runtime.running(), fault)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("cpu Taichi runs on cpu; cuda must be there, and be asked for before anything else")
+
+
 def test_start_prints_nothing():
     code = "import sim.runtime; sim.runtime.ensure(threads=1)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

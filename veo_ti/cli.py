@@ -26,6 +26,7 @@ def run(
     every: int = 4,
     paper: bool = False,
     diagnose: bool = True,
+    device: cli_reconstruct.Device = "cpu",
 ) -> dict[str, object]:
     """Do everything that applies to INPUT, into one folder.
 
@@ -44,7 +45,10 @@ def run(
         use the paper's plain discretisation instead of the consistent one.
     diagnose
         also look for what the simulation gets wrong, and why (a minute more, three where something is wrong).
+    device
+        what trains, renders and simulates: cpu, or cuda where torch has it.
     """
+    cli_reconstruct.use(device)
     folder = Path(source)
     if cli_reconstruct.is_recording(folder):
         return cli_reconstruct.run_recording(folder, out, modes, every)

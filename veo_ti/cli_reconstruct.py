@@ -1,9 +1,11 @@
 """The `veo` commands that turn a recording into a field and a cloud, and show results; heavy packages load inside."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
+
+Device = Literal["cpu", "cuda"]
 
 
 def reconstruct(
@@ -18,6 +20,7 @@ def reconstruct(
     greys: bool = False,
     paper: bool = False,
     seed: int = 0,
+    device: Device = "cpu",
 ) -> dict[str, object]:
     """Turn a recording with mattes into a field that can be rendered and a point cloud in correspondence over time.
 
@@ -43,7 +46,10 @@ def reconstruct(
         the paper's positional encoding and large network instead of the hash grid; hours on a CPU.
     seed
         of everything random.
+    device
+        what trains and renders: cpu, or cuda where torch has it.
     """
+    use(device)
     from recon.radiance.extraction import ExtractOptions
     from recon.radiance.fields import FieldOptions
     from recon.radiance.options import TrainOptions
@@ -71,6 +77,7 @@ def render(
     orbit: int = 0,
     frame: int | None = None,
     size: int = 256,
+    device: Device = "cpu",
 ) -> dict[str, object]:
     """Pictures of an OBJECT: Lame maps, what the data determined, a turntable film, its motion if it has one.
 
@@ -88,7 +95,10 @@ def render(
         of a reconstruction: which frame; in a film all of them pass when not given.
     size
         of a reconstruction's pictures, longer side in pixels.
+    device
+        what renders a reconstruction: cpu, or cuda where torch has it.
     """
+    use(device)
     if is_reconstruction(obj):
         from veo_ti.reconstruction.orbit import render_reconstruction
 
@@ -97,6 +107,14 @@ def render(
     from veo_ti.commands import render_object
 
     return {"pictures": [str(path) for path in render_object(obj, out)]}
+
+
+def use(device: Device) -> None:
+    """Start everything on the GPU where one is asked for; on the CPU it starts by itself, once needed."""
+    if device != "cpu":
+        from recon.radiance.device import use
+
+        use(device)
 
 
 def is_recording(folder: Path) -> bool:

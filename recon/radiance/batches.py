@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import torch
 
+from recon.radiance.device import array, device, tensor
 from recon.radiance.marching import Occupancy, meets
 from recon.radiance.rendering import camera_rays
 from recon.views import Views
@@ -51,15 +52,15 @@ class Pixels:
         starts, directions = (torch.cat([r[i] for r in rays]) for i in (0, 1))
         hits, pictures = [], []
         for frame in range(len(views.times)):
-            met = meets(occupancy, starts, directions, torch.full((len(starts),), frame))
-            hit = np.flatnonzero(met.numpy() & inside).astype(np.int32)
+            met = meets(occupancy, starts, directions, torch.full((len(starts),), frame, device=device()))
+            hit = np.flatnonzero(array(met) & inside).astype(np.int32)
             require(len(hit) > 0, f"frame {frame}", "show the object in some camera", "no pixel")
             filmed = _filmed(views, first, frame, hit)
             kept = (filmed[:, 3] > 0) | ((hit + frame) % _OUTSIDE == 0)
             hits.append(hit[kept])
             pictures.append(filmed[kept])
         return cls(
-            first=first, grey=torch.tensor([camera.stream != "colour" for camera in views.cameras]),
+            first=first, grey=tensor(np.array([camera.stream != "colour" for camera in views.cameras])),
             centres=torch.stack([s[0] for s, _ in rays]), directions=directions, hits=tuple(hits),
             filmed=tuple(pictures),
         )  # fmt: skip
@@ -72,11 +73,11 @@ class Pixels:
             own = np.flatnonzero(frames.numpy() == frame)
             at = (chosen[own] * len(self.hits[frame])).astype(np.int64)
             number[own], filmed[own] = self.hits[frame][at], self.filmed[frame][at]
-        camera = torch.from_numpy(np.searchsorted(self.first, number, side="right") - 1)
-        seen = torch.from_numpy(filmed) / 255
+        camera = tensor(np.searchsorted(self.first, number, side="right") - 1)
+        seen = tensor(filmed) / 255
         return Batch(
-            start=self.centres[camera], direction=self.directions[number], frame=frames, camera=camera,
-            colour=seen[:, :3], matte=seen[:, 3], grey=self.grey[camera],
+            start=self.centres[camera], direction=self.directions[tensor(number)], frame=frames.to(device()),
+            camera=camera, colour=seen[:, :3], matte=seen[:, 3], grey=self.grey[camera],
         )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import torch
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+from recon.radiance.device import tensor
 from recon.radiance.fields import Field
 from recon.radiance.marching import Occupancy
 from sim.checks import as_array, require
@@ -52,10 +53,9 @@ class CloudWarp:
         number = np.ravel_multi_index(tuple(cell.T), tuple(shape))
         order = np.argsort(number, kind="stable")
         first = np.searchsorted(number[order], np.arange(shape.prod() + 1)).astype(np.int32)
-        tensors = (torch.from_numpy(np.ascontiguousarray(v[order], np.float32)) for v in (moved, rest - moved))
-        own, offset = tensors
+        own, offset = (tensor(np.ascontiguousarray(v[order], np.float32)) for v in (moved, rest - moved))
         return cls(
-            moved=own, offset=offset, first=torch.from_numpy(first), origin=torch.from_numpy(low.astype(np.float32)),
+            moved=own, offset=offset, first=tensor(first), origin=tensor(low.astype(np.float32)),
             shape=tuple(shape.tolist()), spacing=spacing,
         )  # fmt: skip
 
@@ -63,7 +63,7 @@ class CloudWarp:
         """Where places (S, 3) [m] were at rest, (S, 3), and how far the nearest point is, (S,) [m]."""
         ensure()
         places = places.detach().contiguous()
-        out, nearest = torch.empty_like(places), torch.empty(len(places))
+        out, nearest = torch.empty_like(places), places.new_empty(len(places))
         if len(places):
             _interpolate(places, self.moved, self.offset, self.first, self.origin, Numbers3(*self.shape), self.spacing,
                          out, nearest)  # fmt: skip
@@ -76,7 +76,7 @@ def moved_field(canonical: Callable, warp: CloudWarp, cut: float) -> Field:
     def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         rest, nearest = warp(places)
         near = torch.nonzero(nearest < cut)[:, 0]
-        density, colour = torch.zeros(len(places)), torch.zeros(len(places), 3)
+        density, colour = places.new_zeros(len(places)), places.new_zeros(len(places), 3)
         if len(near):
             density[near], colour[near] = canonical(rest[near])
         return density, colour
@@ -93,8 +93,8 @@ def cloud_occupancy(moved: np.ndarray, *, cut: float, cells: int = 96) -> Occupa
     empty = np.ones(shape, bool)
     empty[tuple(np.floor((moved - low) / spacing).astype(int).T)] = False
     near = distance_transform_edt(empty) * spacing <= cut + np.sqrt(3) * spacing
-    origin = torch.from_numpy(low.astype(np.float32))
-    return Occupancy(cells=torch.from_numpy(near[None].astype(np.uint8)), origin=origin, spacing=spacing)
+    origin = tensor(low.astype(np.float32))
+    return Occupancy(cells=tensor(near[None].astype(np.uint8)), origin=origin, spacing=spacing)
 
 
 def densified(rest: np.ndarray, moved: np.ndarray, *, near: int = 3) -> tuple[np.ndarray, np.ndarray]:

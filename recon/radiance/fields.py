@@ -144,7 +144,7 @@ class Dynamic(torch.nn.Module):
 
     def from_first(self, places: torch.Tensor) -> torch.Tensor:
         """Where in the canonical state a place of frame 0 belongs, (N, 3) [m]."""
-        return self.bent(places, torch.zeros(len(places), dtype=torch.long))
+        return self.bent(places, torch.zeros(len(places), dtype=torch.long, device=places.device))
 
     def bent(self, places: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
         """Where in the canonical state a place of a frame belongs, (N, 3) [m]."""

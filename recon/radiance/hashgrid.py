@@ -82,14 +82,14 @@ class _Encode(torch.autograd.Function):
     def forward(ctx, places, table, layout, level_weight):
         places, table = places.detach().contiguous(), table.detach()
         out = places.new_empty(len(places), len(layout), FEATURES)
-        _kernels(places.dtype).encode(places, table, layout, 2 ** _log2_table(table, layout) - 1, out)
+        kernels_of(places.dtype).encode(places, table, layout, 2 ** _log2_table(table, layout) - 1, out)
         ctx.save_for_backward(places, table, layout, level_weight)
         return out.flatten(1)
 
     @staticmethod
     def backward(ctx, pulled):
         places, table, layout, level_weight = (v.detach() for v in ctx.saved_tensors)
-        kernels, mask = _kernels(places.dtype), 2 ** _log2_table(table, layout) - 1
+        kernels, mask = kernels_of(places.dtype), 2 ** _log2_table(table, layout) - 1
         pulled = pulled.contiguous().view(len(places), len(layout), FEATURES)
         by_place = by_table = None
         if ctx.needs_input_grad[0]:
@@ -97,7 +97,8 @@ class _Encode(torch.autograd.Function):
             kernels.place_gradient(places, table, layout, level_weight, mask, pulled, by_place)
         if ctx.needs_input_grad[1]:
             by_table = torch.zeros_like(table)
-            kernels.table_gradient(places, layout, mask, pulled, by_table)
+            add = kernels.table_gradient_at_once if places.is_cuda else kernels.table_gradient
+            add(places, layout, mask, pulled, by_table)
         return by_place, by_table, None, None
 
 
@@ -111,10 +112,11 @@ class _Kernels:
     encode: object
     place_gradient: object
     table_gradient: object
+    table_gradient_at_once: object
 
 
 @cache
-def _kernels(dtype: torch.dtype) -> _Kernels:
+def kernels_of(dtype: torch.dtype) -> _Kernels:
     """The kernels in one precision. Places and a table's rows are vectors, which are loaded at once."""
     real = real_of(dtype)
     Reals1, Layout = arrays_of(real)[0], ti.types.ndarray(dtype=ti.i32, ndim=2)
@@ -188,16 +190,23 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
                 out[n][a] = ti.cast(0, real) if beyond else total[a]
 
     @ti.func
+    def add(cells, first, dense, mask, place, pull, out: ti.template(), atomic: ti.template()):
+        corner, inside = cell(place, cells)
+        rows = entries(cells, first, dense, corner, mask)
+        for c in ti.static(range(8)):
+            weight = share(inside, 0, c & 1) * (share(inside, 1, c & 2) * share(inside, 2, c & 4))
+            if ti.static(atomic):
+                out[rows[c]] += weight * pull
+            else:
+                out[rows[c]] = out[rows[c]] + weight * pull
+
+    @ti.func
     def add_level(
         level, places: ti.template(), layout: ti.template(), mask, pulled: ti.template(), out: ti.template()
     ):  # fmt: skip
         cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2]
         for n in range(places.shape[0]):
-            corner, inside = cell(places[n], cells)
-            rows, pull = entries(cells, first, dense, corner, mask), pulled[n, level]
-            for c in ti.static(range(8)):  # no `+=`, which would be atomic
-                weight = share(inside, 0, c & 1) * (share(inside, 1, c & 2) * share(inside, 2, c & 4))
-                out[rows[c]] = out[rows[c]] + weight * pull
+            add(cells, first, dense, mask, places[n], pulled[n, level], out, False)
 
     @ti.kernel
     def table_gradient(places: Places, layout: Layout, mask: ti.i32, pulled: Features, out: Table):
@@ -206,4 +215,14 @@ def _kernels(dtype: torch.dtype) -> _Kernels:
             if turn % _BLOCK == 0:
                 add_level(turn // _BLOCK, places, layout, mask, pulled, out)
 
-    return _Kernels(encode=encode, place_gradient=place_gradient, table_gradient=table_gradient)
+    @ti.kernel
+    def table_gradient_at_once(places: Places, layout: Layout, mask: ti.i32, pulled: Features, out: Table):
+        # For a GPU, which one thread a level would leave idle; the order of additions is another one every time.
+        for n, level in ti.ndrange(places.shape[0], layout.shape[0]):
+            cells, first, dense = layout[level, 0], layout[level, 1], layout[level, 2]
+            add(cells, first, dense, mask, places[n], pulled[n, level], out, True)
+
+    return _Kernels(
+        encode=encode, place_gradient=place_gradient, table_gradient=table_gradient,
+        table_gradient_at_once=table_gradient_at_once,
+    )  # fmt: skip

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
 from recon.hull import Hull, HullOptions, visual_hull
+from recon.radiance.device import tensor
 from recon.radiance.fields import Box
 from recon.radiance.marching import Occupancy
 from recon.views import Views
@@ -35,8 +35,8 @@ def hulls_of(views: Views, *, cells: int = 96, say: Callable[[str], None] | None
         if say is not None:
             say(f"hull of frame {frame + 1} of {count}")
         frames.append(_hull(views, frame, HullOptions(cells=cells), bounds))
-    occupied = torch.from_numpy(np.stack([h.occupied for h in frames]).astype(np.uint8))
-    origin = torch.from_numpy(bounds[0].astype(np.float32))
+    occupied = tensor(np.stack([h.occupied for h in frames]).astype(np.uint8))
+    origin = tensor(bounds[0].astype(np.float32))
     box = Box(origin=bounds[0], side=float(np.ptp(bounds, axis=0).max()))
     return box, Occupancy(cells=occupied, origin=origin, spacing=frames[0].spacing)
 

@@ -60,7 +60,7 @@ def colour_loss(seen: Composite, batch: Batch, gains: torch.Tensor, behind: torc
     """
     own = seen.colour
     if batch.grey.any():
-        luminance, (gain, bias) = torch.tensor(_LUMINANCE), gains[batch.camera].T
+        luminance, (gain, bias) = own.new_tensor(_LUMINANCE), gains[batch.camera].T
         behind = torch.where(batch.grey[:, None], (behind @ luminance)[:, None], behind)
         grey = (own @ luminance) * gain + bias * seen.opacity
         own = torch.where(batch.grey[:, None], grey[:, None], own)
@@ -139,7 +139,8 @@ def elastic_loss(
     object's do not (in the manner of the elastic regularisation of Park et al. 2021, "Nerfies").
     """
     length = _PAIR * model.canonical.box.side
-    aside = torch.nn.functional.normalize(torch.randn(len(chosen), 3, generator=generator), dim=1) * length
+    toward = torch.randn(len(chosen), 3, generator=generator).to(canonical)
+    aside = torch.nn.functional.normalize(toward, dim=1) * length
     there = model.bent(samples.place[chosen] + aside, samples.frame[chosen])
     return (((there - canonical[chosen]).norm(dim=1) / length - 1) ** 2).mean()
 
@@ -148,4 +149,4 @@ def _some(which: torch.Tensor, most: int, generator: torch.Generator) -> torch.T
     """So many at most, drawn at random."""
     if len(which) <= most:
         return which
-    return which[torch.randint(0, len(which), (most,), generator=generator)]
+    return which[torch.randint(0, len(which), (most,), generator=generator).to(which.device)]

@@ -63,7 +63,7 @@ def march(
     given, rays = _counted(occupancy, start, direction, frame, step, shift, since, until)
     rays[:, 0] = torch.cumsum(rays[:, 1], 0) - rays[:, 1]
     total = int(rays[-1].sum()) if len(rays) else 0
-    place, depth, ray = torch.zeros(total, 3), torch.zeros(total), torch.zeros(total, dtype=torch.int32)
+    place, depth, ray = start.new_zeros(total, 3), start.new_zeros(total), rays.new_zeros(total)
     if total:
         _write(*given, occupancy.spacing, step, rays, place, depth, ray)
     ray = ray.long()
@@ -81,12 +81,12 @@ def _counted(
 ) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:  # fmt: skip
     """What the kernels take, and rays (R, 2) int32 with the number of samples of each."""
     ensure()
-    shift = torch.full((len(start),), 0.5) if shift is None else shift
-    since = torch.zeros(len(start)) if since is None else since
-    until = torch.full((len(start),), torch.inf) if until is None else until
+    shift = start.new_full((len(start),), 0.5) if shift is None else shift
+    since = start.new_zeros(len(start)) if since is None else since
+    until = start.new_full((len(start),), torch.inf) if until is None else until
     given = start, direction, frame.to(torch.int32), shift, since, until, occupancy.cells
     given = tuple(v.contiguous() for v in (*given, occupancy.origin.to(torch.float32)))
-    rays = torch.zeros(len(start), 2, dtype=torch.int32)
+    rays = torch.zeros(len(start), 2, dtype=torch.int32, device=start.device)
     _count(*given, occupancy.spacing, step, rays)
     return given, rays
 

@@ -7,6 +7,7 @@ import torch
 
 from recon.cameras import Camera
 from recon.radiance.compositing import Composite, composite
+from recon.radiance.device import array, device, tensor
 from recon.radiance.fields import Field
 from recon.radiance.marching import Occupancy, Samples, march
 from sim.checks import require
@@ -27,8 +28,8 @@ class Picture:
 
 def camera_rays(camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
     """Start (P, 3) [m] and unit direction (P, 3) of the rays through all pixels' centres, row by row."""
-    directions = torch.from_numpy(camera.rays(camera.grid().reshape(-1, 2)).astype(np.float32))
-    return torch.from_numpy(camera.centre.astype(np.float32)).expand_as(directions), directions
+    directions = tensor(camera.rays(camera.grid().reshape(-1, 2)).astype(np.float32))
+    return tensor(camera.centre.astype(np.float32)).expand_as(directions), directions
 
 
 def along(
@@ -63,10 +64,10 @@ def render(
     start, direction = camera_rays(camera)
     until = _until(camera, behind)
     parts = []
-    for some in torch.arange(len(start)).split(_CHUNK):
-        frames = torch.full((len(some),), frame)
-        parts.append(along(field, occupancy, start[some], direction[some], frames, until=until[some])[0])
-    colour, opacity, depth = (torch.cat([getattr(p, n) for p in parts]).numpy() for n in ("colour", "opacity", "depth"))
+    for own, toward, end in zip(*(v.split(_CHUNK) for v in (start, direction, until)), strict=True):
+        frames = torch.full((len(own),), frame, device=device())
+        parts.append(along(field, occupancy, own, toward, frames, until=end)[0])
+    colour, opacity, depth = (array(torch.cat([getattr(p, n) for p in parts])) for n in ("colour", "opacity", "depth"))
     away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
     own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
     return own if behind is None else _over(own, behind)
@@ -95,8 +96,8 @@ def _averaged(picture: Picture, times: int) -> Picture:
 
 def _until(camera: Camera, behind: Picture | None) -> torch.Tensor:
     if behind is None:
-        return torch.full((camera.size[0] * camera.size[1],), torch.inf)
-    return torch.from_numpy(np.where(behind.opacity > 0.5, behind.depth, np.inf).astype(np.float32).ravel())
+        return torch.full((camera.size[0] * camera.size[1],), torch.inf, device=device())
+    return tensor(np.where(behind.opacity > 0.5, behind.depth, np.inf).astype(np.float32).ravel())
 
 
 def _over(own: Picture, behind: Picture) -> Picture:

@@ -76,7 +76,7 @@ class Run:
         if not path.exists():
             return False
         try:
-            state = torch.load(path, weights_only=True)
+            state = torch.load(path, weights_only=True, map_location="cpu")
         except (RuntimeError, EOFError, ValueError) as error:
             raise ValueError(f"{path.name} must be a checkpoint; got a damaged file: {error}") from None
         if state.get("made_from") != made_from:

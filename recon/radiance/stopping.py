@@ -35,7 +35,7 @@ class Stops:
         coarser = _COARSER if len(cells) > 1 else 1
         occupied = (torch.nn.functional.max_pool3d(cells, coarser, ceil_mode=True) > 0).to(torch.uint8)
         origin = occupancy.origin.to(torch.float32).contiguous()
-        return cls(occupied=occupied, density=torch.zeros(occupied.shape), origin=origin,
+        return cls(occupied=occupied, density=cells.new_zeros(occupied.shape), origin=origin,
                    spacing=coarser * occupancy.spacing)  # fmt: skip
 
     @torch.no_grad()
@@ -45,7 +45,7 @@ class Stops:
             cell = torch.nonzero(self.occupied[frame])
             for some in cell.split(_PART):
                 places = self.origin + (some + 0.5) * self.spacing
-                found, _ = field(places, torch.full((len(some),), frame))
+                found, _ = field(places, torch.full((len(some),), frame, device=some.device))
                 self.density[frame, some[:, 0], some[:, 1], some[:, 2]] = found
 
     def span(
@@ -54,7 +54,7 @@ class Stops:
         """Depths [m], (R,) each, at which rays from start (R, 3) in unit direction (R, 3) in frames (R,) may begin and
         end: around the occupied cells that they meet, and no further than a little behind what is opaque."""
         ensure()
-        span = torch.zeros(len(start)), torch.full((len(start),), torch.inf)
+        span = start.new_zeros(len(start)), start.new_full((len(start),), torch.inf)
         _spans(start.contiguous(), direction.contiguous(), frame.to(torch.int32), *span, self.occupied, self.density,
                self.origin, self.spacing)  # fmt: skip
         return span

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from recon.files import replacing
+from recon.radiance.device import array, device
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hashgrid import HashGrid
 from recon.radiance.marching import Occupancy
@@ -38,15 +39,15 @@ def load_trained(path: str | Path) -> Trained:
     path = Path(path)
     require(path.is_file(), "field", "be a file that veo reconstruct wrote", repr(str(path)))
     try:
-        held = torch.load(path, weights_only=True)
+        held = torch.load(path, weights_only=True, map_location=device())
         told = json.loads(held["told"])
     except Exception as error:  # torch raises many kinds for what is no file of its own
         raise ValueError(f"{path.name} must be a field that veo reconstruct wrote; got {error}") from None
     require(told["version"] == VERSION, path.name, f"be of version {VERSION}", told["version"])
     options = told["options"]
     options = FieldOptions(**{**options, "grid": HashGrid(**options["grid"])})
-    box = Box(origin=held["origin"].numpy().astype(np.float64), side=told["side"])
-    field = Dynamic(box, told["frames"], options, latent=told["latent"])
+    box = Box(origin=array(held["origin"]).astype(np.float64), side=told["side"])
+    field = Dynamic(box, told["frames"], options, latent=told["latent"]).to(device())
     field.load_state_dict(held["field"])
     occupancy = Occupancy(cells=held["cells"], origin=held["corner"], spacing=told["spacing"])
     ended = {name: told[name] for name in ("status", "sentence", "made_from")}

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from recon.radiance.batches import Pixels, frames_of
+from recon.radiance.device import device
 from recon.radiance.fields import Box, Dynamic
 from recon.radiance.hulls import hulls_of
 from recon.radiance.losses import colour_loss, motion_loss, shape_loss
@@ -103,8 +104,8 @@ def train(
 
 
 def _started(views: Views, box: Box, options: TrainOptions) -> Run:
-    model = Dynamic(box, len(views.times), options.field, seed=options.seed)
-    gains = torch.nn.Parameter(torch.tensor([[1.0, 0.0]]).repeat(len(views.cameras), 1))
+    model = Dynamic(box, len(views.times), options.field, seed=options.seed).to(device())
+    gains = torch.nn.Parameter(torch.tensor([[1.0, 0.0]], device=device()).repeat(len(views.cameras), 1))
     groups = [
         {"name": "field", "params": [*model.canonical.parameters()], "eps": 1e-15, "betas": (0.9, 0.99)},
         {"name": "latents", "params": [model.latents]},
@@ -113,7 +114,7 @@ def _started(views: Views, box: Box, options: TrainOptions) -> Run:
     optimiser = torch.optim.Adam(groups, fused=True)  # each step sets the rates
     generator = torch.Generator().manual_seed(options.seed)
     with torch.no_grad():
-        model.latents[1:2] = 0.1 * torch.randn(1, model.latents.shape[1], generator=generator)
+        model.latents[1:2] = 0.1 * torch.randn(1, model.latents.shape[1], generator=generator).to(model.latents)
     return Run(model=model, gains=gains, optimiser=optimiser, generator=generator)
 
 
@@ -132,7 +133,7 @@ def _step(run: Run, pixels: Pixels, occupancy: Occupancy, stops: Stops, options:
     chosen = _joined(run, pixels, occupancy, options) if moving else range(options.canonical_frames)
     _set_rates(run, options, moving)
     batch = pixels.draw(frames_of(run.rays, chosen, run.generator), run.generator)
-    behind, shift = (torch.rand(run.rays, *n, generator=run.generator) for n in ((3,), ()))
+    behind, shift = (torch.rand(run.rays, *n, generator=run.generator).to(device()) for n in ((3,), ()))
     since, until = stops.span(batch.start, batch.direction, batch.frame)
     until[::_WHOLE] = torch.inf
     canonical: list[torch.Tensor] = []
@@ -178,7 +179,7 @@ def _alike(run: Run, pixels: Pixels, occupancy: Occupancy, frame: int) -> int:
             return run.model(places, torch.full_like(frames, other))
 
         seen = along(field, occupancy, batch.start, batch.direction, batch.frame)[0]
-        losses[other] = float(colour_loss(seen, batch, run.gains, torch.zeros(_TRIED_RAYS, 3)))
+        losses[other] = float(colour_loss(seen, batch, run.gains, torch.zeros_like(batch.colour)))
     return min(losses, key=losses.__getitem__)
 
 

@@ -11,6 +11,7 @@ from recon.cameras import Camera
 from recon.quality.lpips import Lpips
 from recon.quality.similarity import QualityRow, quality_row
 from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
+from recon.radiance.device import array, tensor
 from recon.radiance.rendering import Picture, render
 from recon.radiance.training import Trained
 from recon.views import Views
@@ -31,7 +32,7 @@ class Rerenderer:
         """The cloud in the canonical state, (N, 3) [m]: interpolated like its motion, so that no network is asked for
         every sample."""
         with torch.no_grad():
-            return self.trained.field.from_first(torch.from_numpy(self.rest.astype(np.float32))).double().numpy()
+            return array(self.trained.field.from_first(tensor(self.rest.astype(np.float32))).double())
 
     def picture(self, moved: np.ndarray, camera: Camera, behind: Picture | None = None) -> Picture:
         """The object with its points at `moved` (N, 3) [m], as a camera sees it; behind: see `render`."""
