@@ -157,7 +157,8 @@ def _memory() -> Finding:
 
 def _cuda() -> Finding:
     result = _run(CUDA_PROBE)
-    sentence = f"torch sees {result.answer}; --device cuda uses it" if result.answer else "torch sees none; everything runs on the CPU"
+    seen, none = f"torch sees {result.answer}; --device cuda uses it", "torch sees none; everything runs on the CPU"
+    sentence = seen if result.answer else none
     return Finding(name="CUDA", version="", ok=bool(result.answer), sentence=sentence, needed=False)
 
 
