@@ -31,7 +31,35 @@ def test_what_is_promised_elsewhere_is_what_a_refit_brings_there(creeping, model
     there = [refit(creeping, model, start, cause=Viscoelasticity(), place=at, theta=half) for at in places]
     found = there[0]
     brought = np.array([r.evidence(model.s2) for r in there])
-    promised = _moved(found, model, places)
+    promised = np.array([p.evidence for p in _moved(found, model, places)])
     assert brought[-1] > brought[0] + 10
     assert promised - promised[0] == pytest.approx(brought - brought[0], abs=0.2 * (brought[-1] - brought[0]))
-    assert abs(np.log(better_place(found, model) / TAU)) < 0.4
+    spot = better_place(found, model)
+    assert abs(np.log(spot.place / TAU)) < 0.4
+    moved = {"cause": Viscoelasticity(), "place": spot.place}
+    problem = Problem.of(creeping, model, **moved)
+    begun, stayed = (
+        solved(problem, found.without, c, t)
+        for c, t in ((spot.coefficients, spot.theta), (found.coefficients, found.theta))
+    )
+    begun, stayed = (problem.cost(s.scene, s.coefficients, s.theta) for s in (begun, stayed))
+    best = refit(found.without, model, found.coefficients, **moved, theta=found.theta)
+    least = problem.cost(best.scene, best.coefficients, best.theta)
+    assert begun - least < 0.2 * (stayed - least)
+
+
+def test_a_move_begins_at_what_is_most_probable_there(creeping, model, monkeypatch):  # noqa: F811
+    start, half, begun = np.zeros(len(model.prior)), np.array([0.5]), []
+    found = refit(creeping, model, start, cause=Viscoelasticity(), place=START, theta=half)
+    spot = better_place(found, model)
+
+    def noted(problem, at, coefficients, theta, *others, **options):
+        begun.append(theta)
+        return solved(problem, at, coefficients, theta, *others, **options)
+
+    monkeypatch.setattr("veo_ti.diagnosis.refit.solved", noted)
+    moved = refit(
+        found.without, model, found.coefficients, cause=found.cause, place=spot.place, theta=spot.theta,
+        shift=spot.coefficients - found.coefficients, since=found.theta,
+    )  # fmt: skip
+    assert begun[0] == pytest.approx(spot.theta) and abs(moved.theta[0] - SHARE) < 0.2 * SHARE

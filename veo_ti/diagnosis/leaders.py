@@ -11,7 +11,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import counted, measure_noise
-from veo_ti.diagnosis.placing import better_place
+from veo_ti.diagnosis.placing import Spot, better_place
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
@@ -155,8 +155,8 @@ class _Tried:
         return replace(self.model, s2=self.left, prior=self.tuned.prior[: len(self.tuned.coefficients)])
 
     @cached_property
-    def place(self) -> Any:
-        """Of the next fit."""
+    def spot(self) -> Spot:
+        """Where the next fit begins."""
         return better_place(self.tuned, self.following)
 
 
@@ -170,19 +170,23 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
     refitted material; to the end if it leaves little `enough`. As it was, if that leads away."""
     if tried.spent or tried.left > _NEARBY * least:
         return tried
-    result, s2, place = tried.tuned, tried.left, tried.place
+    result, s2, spot = tried.tuned, tried.left, tried.spot
     cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
-    moved = place is not result.place  # places may be arrays
+    moved = spot.place is not result.place  # places may be arrays
     fine = s2 < enough and not moved  # where it stays
     closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
     if not moved and not (closer and s2 < _IN_REACH * least):
         return tried
     say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
-    start, far = result.coefficients, None
+    start, place, theta, shift, since = result.coefficients, spot.place, spot.theta, None, None
     if moved:
+        shift, since = spot.coefficients - start, result.theta
         place, start, far = _begun(cause, place, start, tried.model)
-    theta = result.theta if far is None else far
-    again = refit(result.without, tried.following, start, cause=cause, place=place, theta=theta, rough=not fine)
+        theta, shift, since = (theta, shift, since) if far is None else (far, None, None)
+    again = refit(
+        result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
+        rough=not fine,
+    )  # fmt: skip
     looked = _Tried.of(again, tried.following, modes, fine=fine)
     return looked if looked.left < _LOST * tried.left else replace(tried, spent=True)
 

@@ -1,11 +1,12 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sim.evidence import posterior
+from sim.evidence import Posterior, posterior
 from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
@@ -16,27 +17,41 @@ from veo_ti.diagnosis.scene import Scene
 _WORTH = 3.0  # nats that another place must promise
 
 
-def better_place(result: Refit, model: Model) -> Any:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spot:
+    """A place, with the coefficients (K + E,) and theta (d,) that are most probable there, to first order."""
+
+    place: Any
+    coefficients: np.ndarray
+    theta: np.ndarray
+
+
+def better_place(result: Refit, model: Model) -> Spot:
     """The place near that of a refitted cause at which it would explain most, material and parameters moving with it.
 
     Linear about the refit: it is taken from its place to another as it is; a cause that lags, and pushes nothing, is
-    also tried at each place as if it were new.
+    also tried at each place as if it were new. Its own place as it was, where none is clearly better.
     """
+    here = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
     cause = result.cause
     others = cause.places(result.without) if cause.lags else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if len(places) == 1:
-        return result.place
-    evidence = _moved(result, model, places)
+        return here
+    ways = [_moved(result, model, places)]
     if cause.lags:
-        new = _as_new(result, model, places)
-        evidence = np.maximum(evidence - evidence[0], new - new[0])
-    best = int(np.argmax(evidence))
-    return places[best] if evidence[best] > evidence[0] + _WORTH else result.place
+        ways.append(_as_new(result, model, places))
+    more, best, found = max(
+        ((p.evidence - way[0].evidence, i, p) for way in ways for i, p in enumerate(way)), key=lambda t: t[0]
+    )
+    if more <= _WORTH:
+        return here
+    coefficients, theta = np.split(found.mean, [len(result.coefficients)])
+    return Spot(place=places[best], coefficients=coefficients, theta=theta)
 
 
-def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
-    """Evidence at each place for a cause that only changes what is seen, whose motion is that of every place."""
+def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterior]:
+    """At each place for a cause that only changes what is seen, whose motion is that of every place."""
     scene, n = result.without, len(result.coefficients)
     prior = np.concatenate([model.prior, result.cause.widths(scene) ** 2])
     at = np.concatenate([result.around[:n], np.zeros(len(result.theta))])
@@ -46,12 +61,12 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
         moves = [np.stack([d.moves(scene, np.array([t]))[0] for d in directions]) for t in result.kept.frames]
         seen = [scene.target.seen[t] for t in result.kept.frames]
         rows = [X[:, own].reshape(len(X), -1).astype(np.float32) for X, own in zip(moves, seen, strict=True)]
-        found.append(_evidence(result, n, rows, at, residual, prior, model))
-    return np.array(found)
+        found.append(_explained(result, n, rows, at, residual, prior, model))
+    return found
 
 
-def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
-    """Evidence at each place: what taking the cause there adds is one more motion, in full.
+def _moved(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterior]:
+    """At each place: what taking the cause there adds is one more motion, in full.
 
     In proportion to its only parameter it belongs to the parameter's own fingerprint there.
     """
@@ -67,7 +82,7 @@ def _moved(result: Refit, model: Model, places: Sequence[Any]) -> np.ndarray:
         for place, more in enumerate(moved.reshape(len(moved), -1) if single else (), start=1):
             own[place][i] = own[place][i] + (more / theta).astype(np.float32)
     at = zip(own, taken, strict=True)
-    return np.array([_evidence(result, n, rows, result.around, r, result.prior, model) for rows, r in at])
+    return [_explained(result, n, rows, result.around, r, result.prior, model) for rows, r in at]
 
 
 def _shown_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
@@ -102,12 +117,12 @@ def _pushed(
     return answered(scene, forces_of, frames, remembered)
 
 
-def _evidence(
+def _explained(
     result: Refit, first: int, rows: Sequence[np.ndarray], at: np.ndarray, residual: np.ndarray, prior: np.ndarray,
     model: Model,
-) -> float:  # fmt: skip
-    """Of the refit's first columns and others (d, 3 n) of the points seen frame by frame, with what they explain."""
+) -> Posterior:  # fmt: skip
+    """By the refit's first columns and others (d, 3 n) of the points seen frame by frame, with what they explain."""
     kept = result.kept
     columns = tuple(np.concatenate([X[:first], own]) for X, own in zip(kept.columns, rows, strict=True))
     normal = Fingerprints(frames=kept.frames, columns=columns).parts(residual, result.scene.target.seen, at, 1)[0]
-    return posterior(normal, prior, np.sqrt(model.s2)).evidence
+    return posterior(normal, prior, np.sqrt(model.s2))

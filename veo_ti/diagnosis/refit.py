@@ -36,19 +36,22 @@ def refit(
     place: Any = None,
     theta: np.ndarray | None = None,
     shift: np.ndarray | None = None,
+    since: np.ndarray | None = None,
     rough: bool = False,
 ) -> Refit:
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
-    shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until it
-    costs less than none. History (viscous strain, damage, set) belongs to the motion that it leads to, in the slopes
-    too. The discretisation enters linearly. A step that raises the cost or leads to no equilibrium is damped, what the
-    data determine least most (Levenberg & Marquardt). The fingerprints serve several steps; they are renewed where a
-    step with old ones brings less than it promised. rough: to a hundredth of the cost.
+    shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until
+    it costs less than none. since (d,): theta before a move from another place, to which theta and shift belong; it
+    is made unless it leads to no equilibrium. History (viscous strain, damage, set) belongs to the motion that it
+    leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost or leads to no
+    equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
+    several steps; they are renewed where a step with old ones brings less than it promised. rough: to a hundredth
+    of the cost.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem = Problem.of(scene, model, cause, place)
-    state, cost = _best_start(problem, scene, start, theta, shift)
+    state, cost = _best_start(problem, scene, start, theta, shift, since)
     line, fresh, damping = _linearised(problem, state), True, 0.0
     for step in range(_STEPS + 1):
         way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
@@ -125,19 +128,27 @@ def _cost(problem: Problem, state: Solved) -> float:
 
 
 def _best_start(
-    problem: Problem, scene: Scene, start: np.ndarray, theta: np.ndarray, shift: np.ndarray | None
-) -> tuple[Solved, float]:
-    """The longest of a few shares of the score step that costs less than no step; no step where none does."""
+    problem: Problem, scene: Scene, start: np.ndarray, theta: np.ndarray, shift: np.ndarray | None,
+    since: np.ndarray | None,
+) -> tuple[Solved, float]:  # fmt: skip
+    """The longest of a few shares of the score step that costs less than no step, or all of a move; no step where none
+    does."""
     if shift is None:
         state = solved(problem, scene, start, theta)
         return state, _cost(problem, state)
-    longest = problem.within(shift, _CAUTION)
-    without = Problem.of(scene, problem.model).cost(scene, start, np.zeros(0))
-    for share in (longest, 0.3 * longest, 0.1 * longest, 0.0):
-        begun = problem.stepped(np.zeros(len(theta)), share * theta)
-        state = solved(problem, scene, start + share * shift, begun, most=_HOPELESS * without)
+    longest, nothing = problem.within(shift, _CAUTION), np.zeros(len(theta))
+    if since is None:
+        shares, before = (longest, 0.3 * longest, 0.1 * longest, 0.0), nothing
+        enough = Problem.of(scene, problem.model).cost(scene, start, np.zeros(0))
+    else:
+        shares, before, enough = (longest, 0.0), since, np.inf
+    for share in shares:
+        begun = problem.stepped(before, share * (theta - before))
+        if problem.turned(begun, before):
+            continue
+        state = solved(problem, scene, start + share * shift, begun, most=_HOPELESS * enough)
         cost = _cost(problem, state)
-        if cost < without:
+        if cost < enough:
             break
     return state, cost
 
