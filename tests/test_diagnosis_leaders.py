@@ -6,6 +6,7 @@ import pytest
 
 from veo_ti.diagnosis import leaders
 from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes
+from veo_ti.diagnosis.placing import Spot
 
 
 def scores(*given: tuple[str, float, float], explained: float = 1.0) -> list[SimpleNamespace]:
@@ -57,11 +58,11 @@ def test_what_can_do_most_of_what_the_best_one_does_is_refitted_too():
 
 @pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
 def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monkeypatch):
-    found, looks = SimpleNamespace(place=1, coefficients=None, theta=None, without=None, evidence=lambda s2: 0.0), []
+    found, looks = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0), []
     found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
     model = SimpleNamespace(s2=1.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
     before, again = (leaders._Tried(result=found, model=model, left=left, fine=False) for left in (1.0, then))
-    before.__dict__.update(tuned=found, following=model, place=2)
+    before.__dict__.update(tuned=found, following=model, spot=Spot(place=2, coefficients=0.0, theta=0.0))
     monkeypatch.setattr(leaders, "refit", lambda *given, **more: looks.append(more["place"]))
     monkeypatch.setattr(leaders._Tried, "of", lambda *given, **more: again)
     after = leaders._looked(before, 0.9, 0.0, None, str)
@@ -112,10 +113,10 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
 def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, followed, monkeypatch):
     """Neither at another place nor, sooner, beyond the first order; those before stay, and the best of them counts."""
     looks, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
-    result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=None, theta=None)
+    result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
     result.without = None
     late = SimpleNamespace(result=result, tuned=result, left=leaves, model=SimpleNamespace(s2=9.0), spent=False)
-    late.place, late.following = "there", None
+    late.spot, late.following = Spot(place="there", coefficients=0.0, theta=0.0), None
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
     monkeypatch.setattr(leaders, "_tried_once", lambda *_: None)
     monkeypatch.setattr(leaders._Tried, "of", lambda *_, **more: late)
