@@ -50,6 +50,7 @@ class Plan:
     few_test: tuple[str, ...]
     few_steps: int
     moving: RigOptions
+    unseen: str  # a shape that no training's settings were chosen for
     resolution: int
     short: TrainOptions  # for two minutes
     long: TrainOptions  # for five
@@ -64,13 +65,13 @@ class Plan:
 
 FULL = Plan(
     static=RigOptions(frames=2, size=480, greys=False), static_resolution=256,
-    single=TrainOptions(canonical_steps=740, motion_steps=0, samples=1 << 15, field_rate=6e-2),
-    few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=1500,
-    moving=RigOptions(frames=12, size=240, greys=False), resolution=128,
-    short=TrainOptions(canonical_steps=500, motion_steps=1400),
-    long=TrainOptions(canonical_steps=1000, motion_steps=3800),
+    single=TrainOptions(canonical_steps=740, motion_steps=0, field_rate=6e-2),
+    few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=750,
+    moving=RigOptions(frames=12, size=240, greys=False), unseen="pillow", resolution=128,
+    short=TrainOptions(canonical_steps=250, motion_steps=700),
+    long=TrainOptions(canonical_steps=500, motion_steps=1900),
     points=12_000, loop=RigOptions(frames=48, size=240, greys=False), shapes=SHAPES,
-    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=600, motion_steps=4000),
+    choice=ReconstructChoice(resolution=128, test=_TEST, train=TrainOptions(canonical_steps=300, motion_steps=2000),
                              extract=ExtractOptions(points=2500)),
     modes=40, every=4,
 )  # fmt: skip
@@ -79,7 +80,8 @@ QUICK = Plan(
     static=RigOptions(cameras=8, frames=2, size=96, greys=False), static_resolution=48,
     single=TrainOptions(canonical_steps=250, motion_steps=0, samples=4096),
     few=RigOptions(cameras=6, frames=2, size=96), few_test=("cam0002",), few_steps=100,
-    moving=RigOptions(cameras=8, frames=4, size=96, greys=False), resolution=48, short=_FEW, long=_FEW, points=700,
+    moving=RigOptions(cameras=8, frames=4, size=96, greys=False), unseen="pillow", resolution=48, short=_FEW,
+    long=_FEW, points=700,
     loop=RigOptions(cameras=8, frames=4, size=96, greys=False), shapes=SHAPES[:1],
     choice=ReconstructChoice(resolution=48, test=("cam0003",), train=_FEW, extract=ExtractOptions(points=700)),
     modes=6, every=2, test=("cam0003",),
@@ -98,10 +100,14 @@ def sections(place: Path, plan: Plan) -> dict[str, Callable[[], list[Row]]]:
 
 
 def static_rows(place: Path, plan: Plan) -> list[Row]:
-    """One frame at twice the resolution."""
-    filmed = Filmed.of(_recorded(place / "static", plan.static), plan.static_resolution, plan.test).only_first_frame()
-    work = timed(filmed, plan.single)
-    return [picture_row(filmed, work, f"One frame, {plan.static_resolution} pixels", least=33, most=30)]
+    """One frame at twice the resolution, also of a shape that no setting was chosen for."""
+    rows = []
+    for shape in (plan.static.shape, plan.unseen):
+        folder = _recorded(place / f"static-{shape}", replace(plan.static, shape=shape))
+        filmed = Filmed.of(folder, plan.static_resolution, plan.test).only_first_frame()
+        what = f"One frame of the {shape}, {plan.static_resolution} pixels"
+        rows.append(picture_row(filmed, timed(filmed, plan.single), what, least=33, most=30))
+    return rows
 
 
 def grey_rows(place: Path, plan: Plan) -> list[Row]:
@@ -114,17 +120,19 @@ def grey_rows(place: Path, plan: Plan) -> list[Row]:
 
 
 def short_rows(place: Path, plan: Plan) -> list[Row]:
-    """All frames, two minutes."""
-    filmed, what = _moving(place, plan)
-    work = timed(filmed, plan.short)
-    what = f"{what}, short training"
-    shown = picture_row(filmed, work, what, least=28, most=120)
-    return [shown, correspondence_row(filmed, work, what, mean=1, median=0.3)]
+    """All frames, two minutes, also of a shape that no setting was chosen for."""
+    rows = []
+    for shape in (plan.moving.shape, plan.unseen):
+        filmed, what = _moving(place, plan, shape)
+        work, what = timed(filmed, plan.short), f"{what}, short training"
+        rows.append(picture_row(filmed, work, what, least=28, most=120))
+        rows.append(correspondence_row(filmed, work, what, mean=1, median=0.3))
+    return rows
 
 
 def long_rows(place: Path, plan: Plan) -> list[Row]:
     """All frames, five minutes; the cloud of that training, and pictures bent by it."""
-    filmed, what = _moving(place, plan)
+    filmed, what = _moving(place, plan, plan.moving.shape)
     work = timed(filmed, plan.long)
     long = f"{what}, long training"
     cloud = extract(work.trained, filmed.views, ExtractOptions(points=plan.points))
@@ -147,10 +155,11 @@ def loop_rows(place: Path, plan: Plan, shape: str) -> list[Row]:
     return [took, *object_rows(shape, found, out), *held]
 
 
-def _moving(place: Path, plan: Plan) -> tuple[Filmed, str]:
-    filmed = Filmed.of(_recorded(place / "moving", plan.moving), plan.resolution, plan.test)
+def _moving(place: Path, plan: Plan, shape: str) -> tuple[Filmed, str]:
+    folder = _recorded(place / f"moving-{shape}", replace(plan.moving, shape=shape))
+    filmed = Filmed.of(folder, plan.resolution, plan.test)
     cameras = len(filmed.views.cameras) + len(filmed.judges.cameras)
-    return filmed, f"{len(filmed.views.times)} frames x {cameras} cameras x {plan.resolution} pixels"
+    return filmed, f"{shape}, {len(filmed.views.times)} frames x {cameras} cameras x {plan.resolution} pixels"
 
 
 def _recorded(folder: Path, options: RigOptions) -> Path:

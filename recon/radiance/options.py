@@ -20,15 +20,15 @@ class TrainOptions:
     in the motion stage; canonical_frames: how many first frames, of an object still at rest, the canonical stage sees.
     """
 
-    canonical_steps: int = 1200
+    canonical_steps: int = 600
     canonical_frames: int = 1
-    motion_steps: int = 4000
-    samples: int = 1 << 14
+    motion_steps: int = 2000
+    samples: int = 1 << 15
     weights: LossWeights = field(default_factory=LossWeights)
     field: FieldOptions = field(default_factory=FieldOptions)  # last of these: it hides dataclasses.field
-    field_rate: float = 2e-2
-    bending_rate: float = 2e-3
-    latent_rate: float = 5e-3
+    field_rate: float = 4e-2
+    bending_rate: float = 3e-3
+    latent_rate: float = 7e-3
     canonical_share: float = 0.1
     ramp: float = 0.5
     pulling: int = 5
