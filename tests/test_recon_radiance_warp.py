@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, densified, moved_field
+from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, densified, moved_field, neighbours
 from recon.radiance.device import array
 
 SHIFT = np.array([0.2, 0.1, 0.0])
@@ -82,10 +82,29 @@ def test_occupancy_holds_all_that_is_within_the_cut(clouds):
 
 def test_points_in_between_move_with_their_neighbours(clouds):
     rest, moved = clouds
-    more, there = densified(rest, moved)
+    more, there = densified(rest, moved, neighbours(rest), stretched=0)
     assert len(more) > 2 * len(rest) and (more[: len(rest)] == rest).all()
     bend = more + np.stack([2 * more[:, 2] ** 2, 0 * more[:, 0], 0.3 * more[:, 0]], axis=1) + [0.1, 0, -0.05]
     assert np.median(np.linalg.norm(there - bend, axis=1)) < 1e-4
+
+
+@pytest.mark.parametrize(("stretch", "holes"), [(1.0, 0.0), (2.5, 0.05)])
+def test_a_stretched_body_has_no_holes_once_points_are_put_in_between(stretch, holes):
+    """A block pulled long, asked for in its inside: cut away half way between its points, unless there are others."""
+    rest = np.stack(np.meshgrid(*[np.arange(12.0)] * 3), axis=-1).reshape(-1, 3)
+    pull = np.array([stretch, 1.0, 1.0])
+    places = np.random.default_rng(1).uniform(1, 10, (4000, 3))
+    asked, frames = torch.from_numpy((places * pull).astype(np.float32)), torch.zeros(4000, dtype=torch.long)
+    found, added = [], []
+    for cloud in ((rest, rest * pull), densified(rest, rest * pull, neighbours(rest))):
+        field = moved_field(lambda p: (torch.ones(len(p)), p), CloudWarp.of(*cloud), 1.2)
+        density, where = field(asked, frames)
+        inside = density > 0
+        assert np.abs(where[inside].numpy() - places[inside.numpy()]).mean() < 0.2
+        found.append(1 - float(inside.float().mean()))
+        added.append(len(cloud[0]) - len(rest))
+    assert found[0] >= holes and found[1] < 0.01
+    assert added == [0, 11 * 12 * 12 if stretch > 1.5 else 0]
 
 
 def test_fewer_than_five_points_are_refused():

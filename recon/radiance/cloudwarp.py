@@ -18,6 +18,7 @@ from sim.runtime import ensure
 NEIGHBOURS = 5  # the paper's K
 _LEAST = 1e-9  # [m], below which distances are all alike
 _MOST_RINGS = 64  # of cells that are searched
+_STRETCHED = 1.5  # times as far apart as at rest
 
 Reals1, Reals2 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2))
 Numbers1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -97,14 +98,24 @@ def cloud_occupancy(moved: np.ndarray, *, cut: float, cells: int = 96) -> Occupa
     return Occupancy(cells=tensor(near[None].astype(np.uint8)), origin=origin, spacing=spacing)
 
 
-def densified(rest: np.ndarray, moved: np.ndarray, *, near: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Both clouds (N, 3) with a point between each and its nearest ones at rest: for strongly stretched states."""
+def neighbours(rest: np.ndarray, *, near: int = 6) -> np.ndarray:
+    """Pairs (P, 2) of each point of a cloud (N, 3) and its nearest ones at rest, each pair once."""
     rest = as_array("rest", rest, (None, 3))
-    moved = as_array("moved", moved, rest.shape)
     other = cKDTree(rest).query(rest, min(near + 1, len(rest)))[1][:, 1:]
     pairs = np.stack([np.repeat(np.arange(len(rest)), other.shape[1]), other.ravel()], axis=1)
-    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-    return tuple(np.concatenate([x, x[pairs].mean(axis=1)]) for x in (rest, moved))
+    return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
+def densified(
+    rest: np.ndarray, moved: np.ndarray, pairs: np.ndarray, *, stretched: float = _STRETCHED
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both clouds (N, 3) with a point between neighbours (P, 2) that are `stretched` times as far apart as at rest, or
+    more: the field would be cut away between them."""
+    rest = as_array("rest", rest, (None, 3))
+    moved = as_array("moved", moved, rest.shape)
+    before, after = (np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1) for x in (rest, moved))
+    far = pairs[after >= stretched * before]
+    return tuple(np.concatenate([x, x[far].mean(axis=1)]) for x in (rest, moved))
 
 
 @ti.func

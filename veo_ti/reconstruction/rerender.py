@@ -10,7 +10,7 @@ import torch
 from recon.cameras import Camera
 from recon.quality.lpips import Lpips
 from recon.quality.similarity import QualityRow, quality_row
-from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
+from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, densified, moved_field, neighbours
 from recon.radiance.device import array, tensor
 from recon.radiance.rendering import Picture, render
 from recon.radiance.training import Trained
@@ -34,10 +34,16 @@ class Rerenderer:
         with torch.no_grad():
             return array(self.trained.field.from_first(tensor(self.rest.astype(np.float32))).double())
 
+    @cached_property
+    def neighbours(self) -> np.ndarray:
+        """Pairs (P, 2) between which a strongly stretched state gets a point."""
+        return neighbours(self.canonical)
+
     def picture(self, moved: np.ndarray, camera: Camera, behind: Picture | None = None) -> Picture:
         """The object with its points at `moved` (N, 3) [m], as a camera sees it; behind: see `render`."""
         cut = CUT * self.spacing
-        field = moved_field(self.trained.field.canonical, CloudWarp.of(self.canonical, moved), cut)
+        canonical, moved = densified(self.canonical, moved, self.neighbours)
+        field = moved_field(self.trained.field.canonical, CloudWarp.of(canonical, moved), cut)
         return render(field, cloud_occupancy(moved, cut=cut), camera, behind=behind)
 
 
