@@ -38,13 +38,16 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def report(words: str, sections: Mapping[str, Callable[[], list[Row]]], *, note: str = "") -> str:
-    """The sentences, the machine and the table; says on stderr what is being measured."""
-    rows = []
+    """The sentences, the machine and the table; says on stderr what is being measured, and what came of it, so that
+    nothing is lost where a later section fails."""
+    rows: list[Row] = []
     for name, measure in sections.items():
         begin = time.perf_counter()
         print(f"{name} ...", end=" ", file=sys.stderr, flush=True)
-        rows += measure()
-        print(f"{time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+        found = measure()
+        took = f"{time.perf_counter() - begin:.0f} s"
+        print(took, *(f"  {r.what}: {r.figure}" for r in found), sep="\n", file=sys.stderr, flush=True)
+        rows += found
     return "\n\n".join(part for part in (words, note, machine(), markdown(rows)) if part)
 
 
