@@ -178,11 +178,13 @@ def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: 
     if not moved and not (closer and s2 < _IN_REACH * least):
         return tried
     say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
-    start, place, theta, shift, since = result.coefficients, spot.place, spot.theta, None, None
+    place, start, theta, shift, since = spot.place, result.coefficients, spot.theta, None, None
     if moved:
-        shift, since = spot.coefficients - start, result.theta
         place, start, far = _begun(cause, place, start, tried.model)
-        theta, shift, since = (theta, shift, since) if far is None else (far, None, None)
+        if far is not None:
+            theta = far
+        else:
+            shift, since = spot.coefficients - result.coefficients, result.theta
     again = refit(
         result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
         rough=not fine,

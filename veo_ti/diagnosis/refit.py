@@ -136,9 +136,9 @@ def _best_start(
     if shift is None:
         state = solved(problem, scene, start, theta)
         return state, _cost(problem, state)
-    longest, nothing = problem.within(shift, _CAUTION), np.zeros(len(theta))
+    longest = problem.within(shift, _CAUTION)
     if since is None:
-        shares, before = (longest, 0.3 * longest, 0.1 * longest, 0.0), nothing
+        shares, before = (longest, 0.3 * longest, 0.1 * longest, 0.0), np.zeros(len(theta))
         enough = Problem.of(scene, problem.model).cost(scene, start, np.zeros(0))
     else:
         shares, before, enough = (longest, 0.0), since, np.inf
