@@ -19,6 +19,7 @@ from sim.runtime import serial_blas
 
 ROOM = 200_000  # points of all frames together, up to which the factors are held: about 10 kB a point
 _THREADS = 2
+_DIGITS = 1e-3  # of a solution, that single precision may get wrong
 
 
 class Preconditioner(Protocol):
@@ -134,6 +135,11 @@ class Layout:
         except np.linalg.LinAlgError:
             return None
 
+    def roughly(self, blocks: np.ndarray) -> Cholesky | None:
+        """The same in single precision, to about four digits at half the time and memory, where that shows that they
+        are."""
+        return self.cholesky(blocks.astype(np.float32)) or self.cholesky(blocks)
+
     def indefinite(self, blocks: np.ndarray) -> SuperLU:
         """The factors of blocks (M, 3, 3), symmetric but not positive.
 
@@ -160,14 +166,15 @@ class DirectFactors:
         return cls(factors=(None,) * count)
 
     @classmethod
-    def of(cls, tangent: Tangent, layout: Layout) -> "DirectFactors":
-        """Factorise every frame."""
+    def of(cls, tangent: Tangent, layout: Layout, *, exact: bool = False) -> "DirectFactors":
+        """Factorise every frame; in single precision unless they have to be exact."""
         _ = layout.dissection  # made once, not in every thread
+        make = layout.cholesky if exact else layout.roughly
         with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
             factors = (
                 factor or layout.indefinite(b)
                 for blocks in map(tangent.assembled, _chunks(tangent))
-                for factor, b in zip(pool.map(layout.cholesky, blocks), blocks, strict=True)
+                for factor, b in zip(pool.map(make, blocks), blocks, strict=True)
             )
             return cls(factors=tuple(factors))
 
@@ -175,11 +182,6 @@ class DirectFactors:
     def positive(self) -> np.ndarray:
         """The frames (T,) whose tangent was positive definite."""
         return np.array([isinstance(f, Cholesky) for f in self.factors], bool)
-
-    @property
-    def single(self) -> "DirectFactors":
-        """In single precision, where they are positive: they still precondition as well."""
-        return DirectFactors(factors=tuple(f.single if isinstance(f, Cholesky) else f for f in self.factors))
 
     def renewed(self, frames: np.ndarray, fresh: "DirectFactors") -> "DirectFactors":
         """Those of some frames replaced."""
@@ -199,15 +201,32 @@ class DirectFactors:
 
 
 def solve_directly(tangent: Tangent, layout: Layout, right: np.ndarray) -> np.ndarray:
-    """H^-1 of several right sides (T, K, N, 3) of every frame: each is factorised, used and freed in one thread."""
-    _ = layout.dissection  # made once, not in every thread
+    """H^-1 of several right sides (T, K, N, 3) of every frame, to three digits: each is factorised, used and freed in
+    one thread.
+
+    In single precision, as long as a mean of them shows that these digits are there; else in double.
+    """
+    _ = layout.dissection, layout.template  # made once, not in every thread
 
     def solve(blocks: np.ndarray, v: np.ndarray) -> np.ndarray:
         columns = np.asfortranarray(v.reshape(len(v), -1).T)
-        return layout.factor(blocks).solve(columns).T.reshape(v.shape)
+        return _solved(layout, blocks, columns).T.reshape(v.shape)
 
     with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
         return np.concatenate([list(pool.map(solve, tangent.assembled(f), right[f])) for f in _chunks(tangent)])
+
+
+def _solved(layout: Layout, blocks: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    factor = layout.roughly(blocks)
+    if factor is None:
+        return layout.indefinite(blocks).solve(columns)
+    found = factor.solve(columns)
+    weights = 1 / np.maximum(np.linalg.norm(found, axis=0), 1e-300)
+    one = found @ weights
+    error = factor.solve(columns @ weights - layout.matrix(blocks) @ one)
+    if np.linalg.norm(error) <= _DIGITS * np.linalg.norm(one):
+        return found
+    return layout.factor(blocks).solve(columns)
 
 
 def _chunks(tangent: Tangent, size: int = 8) -> Iterator[slice]:

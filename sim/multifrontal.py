@@ -7,18 +7,19 @@ analysis is made once, by SuperLU for every matrix anew; SuperLU also forgets th
 the GPL.
 """
 
+import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from sim.pattern import Pattern
 
 _LEAF = 40  # points that are not dissected further
-_Runs = tuple[tuple[slice, slice], ...]  # rows of a child's rest, and of the front that they are added to
+_Runs = tuple[tuple[slice, slice], ...]  # rows of a child's rest, and of what they are added to
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +32,7 @@ class _Front:
     pair: np.ndarray  # pairs of the pattern that enter here, with their
     row: np.ndarray  # place among own and above, and
     column: np.ndarray  # place among own
-    children: tuple[tuple[int, _Runs], ...]  # fronts whose rest enters here, and where
+    children: tuple[tuple[int, _Runs, _Runs], ...]  # fronts whose rest enters here, and where: among own, above
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,23 +54,29 @@ class Dissection:
         return cls(order=order, fronts=_fronts(groups, number, pattern))
 
     def factor(self, blocks: np.ndarray) -> "Cholesky":
-        """The factor of the matrix of blocks (M, 3, 3); LinAlgError where it is not positive definite."""
+        """The factor of the matrix of blocks (M, 3, 3), in their precision; LinAlgError where it is not positive
+        definite."""
+        (syrk,), (trtri,) = get_blas_funcs(("syrk",), (blocks,)), get_lapack_funcs(("trtri",), (blocks,))
         parts: list[tuple[np.ndarray, np.ndarray]] = []
         rests: dict[int, np.ndarray] = {}
-        room = np.empty(9 * max(f.last - f.first + len(f.above) for f in self.fronts) ** 2)
         for k, front in enumerate(self.fronts):
-            own, size = 3 * (front.last - front.first), front.last - front.first + len(front.above)
-            whole = room[: 9 * size**2].reshape(size, 3, size, 3)  # its lower triangle is what counts
-            whole[:] = 0.0
-            whole[front.row, :, front.column] = blocks[front.pair]
-            whole = whole.reshape(3 * size, 3 * size)
-            for child, runs in front.children:
-                _add_lower(whole, rests.pop(child), runs)
-            upper, _ = dtrtri(np.linalg.cholesky(whole[:own, :own]).T)
-            low = whole[own:, :own] @ upper
+            points, above = front.last - front.first, len(front.above)
+            own = 3 * points
+            panel = np.zeros((points + above, 3, points, 3), blocks.dtype)
+            panel[front.row, :, front.column] = blocks[front.pair]
+            panel = panel.reshape(-1, own)  # of its own block the lower triangle is what counts, as of the rest
+            rest = np.zeros((3 * above, 3 * above), blocks.dtype)
+            for child, within, beyond in front.children:
+                more = rests.pop(child)
+                _add_lower(panel[:own], more, within)
+                _add(panel[own:], more, beyond, within)
+                _add_lower(rest, more, beyond)
+            upper, _ = trtri(np.linalg.cholesky(panel[:own]).T)
+            low = panel[own:] @ upper
             parts.append((upper, low))
-            square = low @ low.T
-            rests[k] = np.subtract(whole[own:, own:], square, out=square)
+            if above:
+                syrk(-1.0, low.T, beta=1.0, c=rest.T, trans=1, overwrite_c=1)  # rest -= low low^T, in place
+            rests[k] = rest
         return Cholesky(dissection=self, parts=tuple(parts))
 
 
@@ -79,12 +86,6 @@ class Cholesky:
 
     dissection: Dissection
     parts: tuple[tuple[np.ndarray, np.ndarray], ...]
-
-    @property
-    def single(self) -> "Cholesky":
-        """In single precision: half the memory, and half the time of a solve, which is spent on reading it."""
-        parts = tuple((upper.astype(np.float32), low.astype(np.float32)) for upper, low in self.parts)
-        return replace(self, parts=parts)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """H^-1 right for right (3 N, K)."""
@@ -141,21 +142,30 @@ def _cover(edges: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
     return matched & ~reached, columns
 
 
-def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: _Runs) -> None:
-    """Add the lower triangle of a child's rest to a front's."""
-    for i, (rows, to_rows) in enumerate(runs):
-        for columns, to_columns in runs[: i + 1]:
+def _add(whole: np.ndarray, rest: np.ndarray, down: _Runs, across: _Runs) -> None:
+    """Add rows and columns of a child's rest."""
+    for rows, to_rows in down:
+        for columns, to_columns in across:
             whole[to_rows, to_columns] += rest[rows, columns]
 
 
-def _runs(places: np.ndarray) -> _Runs:
-    """Ascending places of points as runs of neighbouring coordinates: slices of the list, and of what it points to."""
+def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: _Runs) -> None:
+    """Add what lies on or below the diagonal of a child's rest."""
+    for i, run in enumerate(runs):
+        _add(whole, rest, (run,), runs[: i + 1])
+
+
+def _runs(places: np.ndarray, own: int) -> tuple[_Runs, _Runs]:
+    """Ascending places of points as runs of neighbouring coordinates: those among the first `own`, and beyond these."""
     cuts = np.concatenate([[0], np.flatnonzero(np.diff(places) > 1) + 1, [len(places)]])
-    begins = 3 * places[cuts[:-1]]
-    return tuple(
-        (slice(3 * a, 3 * b), slice(begin, begin + 3 * (b - a)))
-        for a, b, begin in zip(cuts[:-1].tolist(), cuts[1:].tolist(), begins.tolist(), strict=True)
-    )
+    cuts = np.unique([*cuts, np.searchsorted(places, own)]).tolist()
+    within: list[tuple[slice, slice]] = []
+    beyond: list[tuple[slice, slice]] = []
+    for a, b in itertools.pairwise(cuts):
+        first = int(places[a])
+        runs, begin = (within, 3 * first) if first < own else (beyond, 3 * (first - own))
+        runs.append((slice(3 * a, 3 * b), slice(begin, begin + 3 * (b - a))))
+    return tuple(within), tuple(beyond)
 
 
 def _along_a_curve(x: np.ndarray) -> np.ndarray:
@@ -185,7 +195,9 @@ def _fronts(groups: list[np.ndarray], number: np.ndarray, pattern: Pattern) -> t
             _Front(
                 first=first, last=last, above=above, pair=pair, row=np.searchsorted(places, row[pair]),
                 column=column[pair] - first,
-                children=tuple((child, _runs(np.searchsorted(places, reach))) for child, reach in pending[k]),
+                children=tuple(
+                    (child, *_runs(np.searchsorted(places, reach), last - first)) for child, reach in pending[k]
+                ),
             )
         )  # fmt: skip
         if len(above):

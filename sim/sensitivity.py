@@ -37,7 +37,8 @@ class Past(Protocol):
 
 
 def responses(energy: Energy, y: np.ndarray, forces: Callable[[np.ndarray], np.ndarray]) -> Iterator[np.ndarray]:
-    """dy of every frame in turn, (K, N, 3) [m], under K small added forces: `H^-1 f` with the exact Hessian at y.
+    """dy of every frame in turn, (K, N, 3) [m], under K small added forces: `H^-1 f` with the exact Hessian at y, to
+    three digits or more (`solve_directly`).
 
     forces(index) gives (len(index), K, N, 3) [N] for the frames `index`; it is asked for a few frames at a time.
     """

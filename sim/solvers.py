@@ -23,6 +23,7 @@ class LinearSolver:
     layout: Layout
     aggregates: Aggregates
     direct: float  # points of all frames together, up to which they are factorised
+    exact: bool = False  # whether that is done in double precision
 
     @classmethod
     def of(cls, energy: Energy, linear: str = "auto") -> "LinearSolver":
@@ -35,7 +36,9 @@ class LinearSolver:
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
         """A fresh preconditioner at the tangent's own state."""
         few = tangent.y[..., 0].size <= self.direct
-        return DirectFactors.of(tangent, self.layout) if few else TwoLevel.of(tangent, self.aggregates)
+        if not few:
+            return TwoLevel.of(tangent, self.aggregates)
+        return DirectFactors.of(tangent, self.layout, exact=self.exact)
 
     def begun(self, count: int) -> None:
         """Nothing is known of so many frames when a solve begins."""
@@ -54,7 +57,7 @@ class LinearSolver:
         stale = np.flatnonzero((residual >= _CLOSE) | ~last.positive)
         if len(stale) == 0:
             return last
-        return last.renewed(stale, DirectFactors.of(_of_frames(stale, energy, tangent), self.layout))
+        return last.renewed(stale, self.preconditioner(_of_frames(stale, energy, tangent)))
 
 
 @dataclass(eq=False)
@@ -71,12 +74,16 @@ class KeptSolver:
 
     @classmethod
     def of(cls, energy: Energy, frames: int, linear: str = "auto") -> "Solver":
-        """ "auto" factorises all but large clouds; where so many factors have no room nothing is kept."""
+        """ "auto" factorises all but large clouds; where so many factors have no room nothing is kept.
+
+        One frame, as in the steps of a motion, is factorised in double precision: what a motion conserves it then
+        conserves to rounding.
+        """
         count = energy.elastic.cloud.count
         direct = linear == "direct" or (linear == "auto" and count <= _LASTING)
         if frames > 1 and not (direct and frames * count <= ROOM):
             return LinearSolver.of(energy, linear)
-        solver = LinearSolver.of(energy, "direct" if direct else linear)
+        solver = replace(LinearSolver.of(energy, "direct" if direct else linear), exact=frames == 1)
         return cls(solver=solver, held=DirectFactors.none(frames), steps=np.zeros(frames, int))
 
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
@@ -97,10 +104,7 @@ class KeptSolver:
         stale = np.flatnonzero((self.steps[last.index] > _WORN) | ~last.positive)
         if len(stale):
             fresh = self.solver.preconditioner(_of_frames(stale, energy, tangent))
-            if len(self.steps) == 1:
-                self.held = fresh
-            else:  # many: they take less memory, and are read in half the time
-                self.held = self.held.renewed(last.index[stale], fresh.single)
+            self.held = fresh if len(self.steps) == 1 else self.held.renewed(last.index[stale], fresh)
             self.steps[last.index[stale]] = 0
         return last
 

@@ -127,7 +127,7 @@ def test_forward_sensitivities_agree_with_the_adjoint(energy, state):
     slope, ways = loss(state)[1], directions(energy.elastic)
     forward = sum((S * s).sum(axis=(1, 2)) for S, s in zip(sensitivities(energy, state, ways), slope, strict=True))
     adjoint = (ways * implicit_gradient(energy, state, slope)).sum(axis=(1, 2))
-    assert forward == pytest.approx(adjoint, rel=1e-8)
+    assert forward == pytest.approx(adjoint, rel=1e-4)  # sensitivities are solved in single precision
 
 
 def test_equilibrium_follows_its_sensitivity_to_second_order(energy, state):

@@ -1,5 +1,7 @@
 """Linear solves against scipy, how iterations grow, and what is said about indefinite Hessians."""
 
+from dataclasses import dataclass
+
 import clouds
 import numpy as np
 import pytest
@@ -78,10 +80,37 @@ def test_solution_is_the_one_of_scipy(kind, tangent, exact):
 def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact):
     factors = DirectFactors.of(tangent, Layout.of(tangent.energy.elastic))
     right = right_side(tangent)
-    assert sim_cases.relative(factors(right), exact) < 1e-9
+    assert sim_cases.relative(factors(right), exact) < 1e-5
     many = solve_directly(tangent, Layout.of(tangent.energy.elastic), np.stack([right, 2 * right], axis=1))
-    assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-9
+    assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-5
     assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
+
+
+@dataclass(frozen=True)
+class Given:
+    """What direct solves ask of a tangent, for given blocks (T, M, 3, 3)."""
+
+    blocks: np.ndarray
+
+    @property
+    def y(self) -> np.ndarray:
+        return self.blocks
+
+    def assembled(self, frames: slice) -> np.ndarray:
+        return self.blocks[frames]
+
+
+@pytest.mark.parametrize("left", [1e-3, 1e-6, 1e-9])
+def test_direct_solves_keep_three_digits_next_to_where_the_body_buckles(left, tangent):
+    """Most of the lowest stiffness is taken away: single precision then has no digit left."""
+    layout = Layout.of(tangent.energy.elastic)
+    blocks = tangent.assembled(slice(0, 1))
+    lowest = np.linalg.eigvalsh(layout.matrix(blocks[0]).toarray())[0]
+    blocks[0, layout.pattern.rows == layout.pattern.indices] -= (1 - left) * lowest * np.eye(3)
+    right = right_side(tangent)[:1]
+    found = solve_directly(Given(blocks), layout, np.stack([right, right_side(tangent, 1)[:1]], axis=1))
+    exact = spsolve(layout.matrix(blocks[0]), right.ravel()).reshape(right.shape)
+    assert sim_cases.relative(found[:, 0], exact) < 1e-3
 
 
 def test_direct_solves_give_their_memory_back(tangent):
@@ -106,7 +135,7 @@ def test_preconditioner_is_symmetric_and_positive(kind, tangent):
     precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
     a, b = right_side(tangent, 1), right_side(tangent, 2)
     ab, ba, aa = (np.einsum("tna,tna->t", p, precondition(q)) for p, q in ((a, b), (b, a), (a, a)))
-    assert ab == pytest.approx(ba, rel=1e-7)  # the coarse inverse is rounded in nearly empty motions
+    assert ab == pytest.approx(ba, rel=1e-5)  # factors are in single precision
     assert (aa > 0).all()
 
 

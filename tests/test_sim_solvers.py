@@ -24,9 +24,9 @@ def made(monkeypatch) -> list[int]:
     """How many frames were factorised, each time that any were."""
     counts, of = [], DirectFactors.of
 
-    def counted(tangent, layout):
+    def counted(tangent, layout, **options):
         counts.append(len(tangent.y))
-        return of(tangent, layout)
+        return of(tangent, layout, **options)
 
     monkeypatch.setattr(DirectFactors, "of", counted)
     return counts
