@@ -7,7 +7,7 @@ import pytest
 from blind import world
 
 from veo_ti.diagnosis.baseline import Baseline
-from veo_ti.diagnosis.leaders import CLOSER
+from veo_ti.diagnosis.looks import CLOSER
 from veo_ti.diagnosis.noise import counted
 from veo_ti.identification import identify
 from veo_ti.observation import Observation

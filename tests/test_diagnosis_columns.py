@@ -8,7 +8,7 @@ from test_diagnosis_experiment import model, scene  # noqa: F401
 from sim.checks import require
 from sim.cloud import RestCloud
 from veo_ti.diagnosis.columns import discretisation
-from veo_ti.diagnosis.leaders import _Tried
+from veo_ti.diagnosis.looks import Tried
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.refit import refit
 
@@ -40,4 +40,4 @@ def test_what_the_discretisation_explains_does_not_count_as_left(scene, model): 
     assert np.linalg.norm(found.scene.residual) > np.linalg.norm(off.residual)  # the material is bent, too
     assert np.linalg.norm(found.left.residual) < 0.5 * np.linalg.norm(off.residual)
     modes = model.basis.field.modes[:, :2]
-    assert _Tried.of(found, model, modes, fine=True).left < 0.1 * counted(off, measure_noise(off, modes), modes)
+    assert Tried.of(found, model, modes, fine=True).left < 0.1 * counted(off, measure_noise(off, modes), modes)

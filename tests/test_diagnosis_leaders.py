@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from veo_ti.diagnosis import leaders
+from veo_ti.diagnosis import leaders, looks
 from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes
 from veo_ti.diagnosis.placing import Spot
 
@@ -56,21 +56,6 @@ def test_what_can_do_most_of_what_the_best_one_does_is_refitted_too():
     assert not look_alikes("b", statistics, every, 0.05, ["a", "b"])
 
 
-@pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
-def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monkeypatch):
-    found, looks = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0), []
-    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
-    model = SimpleNamespace(s2=1.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
-    before, again = (leaders._Tried(result=found, model=model, left=left, fine=False) for left in (1.0, then))
-    before.__dict__.update(tuned=found, following=model, spot=Spot(place=2, coefficients=0.0, theta=0.0))
-    monkeypatch.setattr(leaders, "refit", lambda *given, **more: looks.append(more["place"]))
-    monkeypatch.setattr(leaders._Tried, "of", lambda *given, **more: again)
-    after = leaders._looked(before, 0.9, 0.0, None, str)
-    assert looks == [2] and (after is again) == taken
-    if not taken:
-        assert after.result is found and leaders._looked(after, 0.9, 0.0, None, str) is after
-
-
 @pytest.mark.parametrize(("other_leaves", "beside", "asked"), [
     (2.0, None, True), (2.0, "another", False), (40.0, None, False), (9.5, None, True),
 ])  # fmt: skip
@@ -79,7 +64,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
 
     Not beside another cause, nor where something else leaves far less.
     """
-    left, looks = {("a", "first"): 8.0, ("a", "second"): 1.0, ("b", None): other_leaves}, []
+    left, asked_for = {("a", "first"): 8.0, ("a", "second"): 1.0, ("b", None): other_leaves}, []
     if other_leaves == 40.0:  # a leaves least, and that is noise
         left[("a", "first")] = 1.0
 
@@ -87,7 +72,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
         return SimpleNamespace(name=name, laws=lambda scene: laws)
 
     def looked_at(found, current, model, floor, modes, say, known):
-        looks.append([(s.name, s.place) for s in found])
+        asked_for.append([(s.name, s.place) for s in found])
         tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
                                  model=SimpleNamespace(s2=1.0)) for s in found]  # fmt: skip
         return tried, 1.0
@@ -97,13 +82,13 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
 
     monkeypatch.setattr(leaders, "_looked_at", looked_at)
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
-    monkeypatch.setattr(leaders, "_beyond", lambda tried, *_: tried)
+    monkeypatch.setattr(leaders, "beyond", lambda tried, *_: tried)
     monkeypatch.setattr(leaders, "scores_of", scores_of)
     given = [SimpleNamespace(name=c.name, cause=c, place=place) for c, place in (
         (cause("a", "first", "second"), "first"), (cause("b"), None))]  # fmt: skip
     current = SimpleNamespace(cause=beside, scene=None)
     found = leaders.refitted(given, current, None, 1.0, None, print)
-    assert (looks[1:] == [[("a", "second")]]) == asked and len(looks) == 1 + asked
+    assert (asked_for[1:] == [[("a", "second")]]) == asked and len(asked_for) == 1 + asked
     assert [(r.cause.name, r.place) for r in found.refits] == [("a", "second" if asked else "first"), ("b", None)]
 
 
@@ -112,37 +97,19 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
 ])  # fmt: skip
 def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, followed, monkeypatch):
     """Neither at another place nor, sooner, beyond the first order; those before stay, and the best of them counts."""
-    looks, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
+    begun, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
     result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
     result.without = None
     late = SimpleNamespace(result=result, tuned=result, left=leaves, model=SimpleNamespace(s2=9.0), spent=False)
-    late.spot, late.following = Spot(place="there", coefficients=0.0, theta=0.0), None
+    late.spot, late.following, late.staying = Spot(place="there", coefficients=0.0, theta=0.0), None, 0.0
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
-    monkeypatch.setattr(leaders, "_tried_once", lambda *_: None)
-    monkeypatch.setattr(leaders._Tried, "of", lambda *_, **more: late)
-    monkeypatch.setattr(leaders, "_begun", lambda *_: (looks.append("place"), None, None))
-    monkeypatch.setattr(leaders, "refit", lambda *_, **more: None)
-    monkeypatch.setattr(leaders, "_beyond", lambda tried, *_: looks.append("beyond") or tried)
+    monkeypatch.setattr(leaders, "tried_once", lambda *_: None)
+    monkeypatch.setattr(leaders.Tried, "of", lambda *_, **more: late)
+    monkeypatch.setattr(looks, "_begun", lambda *_: (begun.append("place"), None, None))
+    monkeypatch.setattr(looks, "refit", lambda *_, **more: None)
+    monkeypatch.setattr(leaders, "beyond", lambda tried, *_: begun.append("beyond") or tried)
     given = [SimpleNamespace(cause=SimpleNamespace(name="late", laws=lambda scene: ()))]
     current = SimpleNamespace(cause="another", scene=None)
     found = leaders.refitted(given, current, SimpleNamespace(s2=9.0), 1.0, None, str, beside=before)
-    assert looks == followed
+    assert begun == followed
     assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0
-
-
-@pytest.mark.parametrize(("leaves", "asked", "left"), [
-    ((5.0, 2.0, 1.9), 3, 1.9), ((9.5, 1.0), 1, 9.5), ((11.0, 1.0), 1, 10.0), ((5.0, 2.0, 1.0, 0.1), 3, 1.0),
-])  # fmt: skip
-def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(leaves, asked, left, monkeypatch):
-    """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most."""
-    fits = iter(leaves)
-    cause = SimpleNamespace(name="any", closer=lambda *_: ("place", None))
-
-    def tried(left: float) -> SimpleNamespace:
-        tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=None, without=None, coefficients=None)
-        return SimpleNamespace(tuned=tuned, following=None, left=left)
-
-    monkeypatch.setattr(leaders, "refit", lambda *_, **more: None)
-    monkeypatch.setattr(leaders._Tried, "of", lambda *_, **more: tried(next(fits)))
-    assert leaders._beyond(tried(10.0), None, str).left == left
-    assert len(leaves) - len(list(fits)) == asked

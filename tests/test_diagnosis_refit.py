@@ -8,6 +8,7 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.columns import Known
+from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 
 MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
@@ -38,3 +39,19 @@ def test_what_is_shown_fits_as_well_as_the_motion_it_ended_at(alike):
     left, without = (np.linalg.norm((target.y - y) * counted) for y in (found.shown, found.scene.y))
     assert left <= 1.001 * without
     assert np.linalg.norm(both.extra[0].motion * counted) > 20 * without  # which a little of the part would spoil
+
+
+def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsewhere(scene, model):  # noqa: F811
+    """The data are of a material off its prior's mean: the first step tells how low a cost may be in reach."""
+    a = np.zeros(len(model.prior))
+    a[MODE] = CHANGE * np.sqrt(model.prior[MODE])
+    energy = scene.energy.with_elastic(model.basis.elastic(scene.energy.elastic, a))
+    y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
+    measured = replace(scene, target=replace(scene.target, y=y))
+    start, rough = np.zeros(len(a)), replace(model, s2=NOISE**2)
+    found = refit(measured, rough, start)
+    least = Problem.of(measured, rough).cost(found.scene, found.coefficients, found.theta)
+    hopeless, possible = (refit(measured, rough, start, most=share * least) for share in (0.5, 2.0))
+    assert found.converged and np.abs(found.coefficients - start).max() > 0.1
+    assert not hopeless.converged and (hopeless.coefficients == start).all()
+    assert possible.coefficients == pytest.approx(found.coefficients)

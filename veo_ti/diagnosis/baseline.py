@@ -8,7 +8,7 @@ from sim.basis import Basis
 from sim.fit import guess_modulus
 from sim.solvers import KeptSolver
 from veo_ti.diagnosis.columns import discretisation
-from veo_ti.diagnosis.leaders import CLOSER, LOOKS, WORTH, Progress
+from veo_ti.diagnosis.looks import CLOSER, LOOKS, WORTH, Progress
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, counted, measure_noise
 from veo_ti.diagnosis.refit import refit

@@ -1,18 +1,12 @@
 """The causes worth a refit, refitted: at the best of their places, at the noise that they leave."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.looks import IN_REACH, LOOKS, NEARBY, Progress, Tried, beyond, looked, tried_once
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.noise import counted, measure_noise
-from veo_ti.diagnosis.placing import Spot, better_place
-from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and
@@ -21,15 +15,7 @@ _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, s
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _AS_MUCH = 0.8  # share of the best score that one must reach which the nuisances imitate
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
-CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
-LOOKS = 4  # at most that it gets; and
-_LOST = 1.5  # times the variance, which a look may leave instead and count; and
-_BEYOND = 3  # beyond the first order, where it is followed to that only
-WORTH = 5.0  # nats of evidence, that another prior of the material must bring
-_IN_REACH, _NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
 _NEARLY = 0.2  # share of the variance that a cause must leave for its refit to go to the end
-
-Progress = Callable[[str], None]
 
 
 def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[Score]]:
@@ -85,7 +71,7 @@ def refitted(
     leaders = _narrowed(leaders, current, model, floor, modes, say)
     tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least)
     nearest = _nearest(beside.least, tried)
-    close = [t.left < _NEARBY * nearest and t.left > min(nearest, _IN_REACH * floor) for t in tried]
+    close = [t.left < NEARBY * nearest and t.left > min(nearest, IN_REACH * floor) for t in tried]
     others = [
         (s.cause, law)
         for s, may_be in zip(leaders, close, strict=True)
@@ -98,7 +84,7 @@ def refitted(
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
         nearest = _nearest(nearest, tried)
-    tried = [_beyond(t, modes, say) if t.left < _IN_REACH * nearest else t for t in tried]
+    tried = [beyond(t, modes, say) if t.left < IN_REACH * nearest else t for t in tried]
     return Refitted(
         refits=(*beside.refits, *(t.result for t in tried)),
         s2=min([beside.s2, reached, *(t.model.s2 for t in tried)]),
@@ -109,17 +95,17 @@ def refitted(
 def _looked_at(
     leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress,
     known: float,
-) -> tuple[list["_Tried"], float]:  # fmt: skip
+) -> tuple[list[Tried], float]:  # fmt: skip
     """All refitted at their places, and the noise that the best leaves.
 
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
     at what it leaves, a few times, unless another leaves far less; known: what others were known to leave.
     """
-    tried = [_Tried.of(_tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
-    enough, reached = max(_NEARLY * model.s2, _IN_REACH * floor), model.s2
+    tried = [Tried.of(tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
+    enough, reached = max(_NEARLY * model.s2, IN_REACH * floor), model.s2
     for _ in range(LOOKS):
         least, before = _nearest(known, tried), tried
-        tried = [_looked(t, least, enough, modes, say) for t in before]
+        tried = [looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:
             break
@@ -127,91 +113,9 @@ def _looked_at(
     return tried, reached
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Tried:
-    """A cause that was refitted under a model, and the variance [m2] at which what it leaves counts."""
-
-    result: Refit
-    model: Model
-    left: float
-    fine: bool  # whether the refit went to its end
-    spent: bool = False  # whether another look at it led nowhere
-
-    @classmethod
-    def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "_Tried":
-        """Once it is refitted."""
-        scene = result.left
-        left = counted(scene, measure_noise(scene, modes), modes)
-        return cls(result=result, model=model, left=left, fine=fine or result.converged)
-
-    @cached_property
-    def tuned(self) -> Refit:
-        """Under the prior of highest evidence at what it leaves."""
-        return self.result.tuned(self.model, self.left)
-
-    @cached_property
-    def following(self) -> Model:
-        """The model of the next fit."""
-        return replace(self.model, s2=self.left, prior=self.tuned.prior[: len(self.tuned.coefficients)])
-
-    @cached_property
-    def spot(self) -> Spot:
-        """Where the next fit begins."""
-        return better_place(self.tuned, self.following)
-
-
-def _nearest(known: float, tried: Sequence[_Tried]) -> float:
+def _nearest(known: float, tried: Sequence[Tried]) -> float:
     """The least that any leaves, of those tried and of others of which the best leaves `known`."""
     return min([known, *(t.left for t in tried)])
-
-
-def _looked(tried: _Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> _Tried:
-    """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
-    refitted material; to the end if it leaves little `enough`. As it was, if that leads away."""
-    if tried.spent or tried.left > _NEARBY * least:
-        return tried
-    result, s2, spot = tried.tuned, tried.left, tried.spot
-    cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
-    moved = spot.place is not result.place  # places may be arrays
-    fine = s2 < enough and not moved  # where it stays
-    closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
-    if not moved and not (closer and s2 < _IN_REACH * least):
-        return tried
-    say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
-    place, start, theta, shift, since = spot.place, result.coefficients, spot.theta, None, None
-    if moved:
-        place, start, far = _begun(cause, place, start, tried.model)
-        if far is not None:
-            theta = far
-        else:
-            shift, since = spot.coefficients - result.coefficients, result.theta
-    again = refit(
-        result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
-        rough=not fine,
-    )  # fmt: skip
-    looked = _Tried.of(again, tried.following, modes, fine=fine)
-    return looked if looked.left < _LOST * tried.left else replace(tried, spent=True)
-
-
-def _beyond(tried: _Tried, modes: np.ndarray, say: Progress) -> _Tried:
-    """With what the cause does beyond the first order, as long as clearly less is left with it."""
-    for _ in range(_BEYOND):
-        result = tried.tuned
-        closer = result.cause.closer(result.scene, result.theta, result.place)
-        if closer is None:
-            break
-        say(f"{result.cause.name} beyond the first order")
-        place, theta = closer
-        again = _Tried.of(
-            refit(result.without, tried.following, result.coefficients, cause=result.cause, place=place, theta=theta),
-            tried.following, modes, fine=True,
-        )  # fmt: skip
-        if again.left > tried.left:
-            break
-        last, tried = tried, again
-        if tried.left > CLOSER * last.left:
-            break
-    return tried
 
 
 def _narrowed(
@@ -225,26 +129,3 @@ def _narrowed(
     say("places in between")
     finer = {s.name: s for s in scores_of(current, model, floor, modes, tries)[1]}
     return [finer.get(s.name, s) for s in leaders]
-
-
-def _tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
-    say(f"refit with {found.name}")
-    here = current.coefficients
-    place, start, far = _begun(found.cause, found.place, here, model)
-    if current.cause is not None:
-        both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
-        theta = np.concatenate([current.theta, own])
-        where = (current.place, place)
-        return refit(current.without, model, start, cause=both, place=where, theta=theta, rough=True)
-    theta, shift = (found.theta, found.nuisances - here) if far is None else (far, None)
-    return refit(
-        current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift, rough=True
-    )  # fmt: skip
-
-
-def _begun(
-    cause: Cause, place: Any, coefficients: np.ndarray, model: Model
-) -> tuple[Any, np.ndarray, np.ndarray | None]:
-    """Where a fit at a place begins: place, coefficients, and theta where that is too far for the first order."""
-    at, stiffer = cause.begin(place)
-    return at, model.basis.stiffer(coefficients, stiffer), cause.known(place) if stiffer else None

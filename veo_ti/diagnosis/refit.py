@@ -38,6 +38,7 @@ def refit(
     shift: np.ndarray | None = None,
     since: np.ndarray | None = None,
     rough: bool = False,
+    most: float = np.inf,
 ) -> Refit:
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
@@ -47,7 +48,7 @@ def refit(
     leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost or leads to no
     equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
     several steps; they are renewed where a step with old ones brings less than it promised. rough: to a hundredth
-    of the cost.
+    of the cost. most: of the cost, known to be had elsewhere; given up where not even the whole way promises less.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem = Problem.of(scene, model, cause, place)
@@ -55,7 +56,7 @@ def refit(
     line, fresh, damping = _linearised(problem, state), True, 0.0
     for step in range(_STEPS + 1):
         way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
-        if way.gain < least or way.broken(cost) or step == _STEPS:
+        if way.gain < least or way.broken(cost) or step == _STEPS or cost - way.gain > most:
             break
         smaller, promised, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         brought = 0.0 if smaller is None else cost - smaller[1]

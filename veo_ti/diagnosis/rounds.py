@@ -7,7 +7,8 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
-from veo_ti.diagnosis.leaders import Progress, Refitted, as_likely, leaders_of, look_alikes, refitted
+from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, look_alikes, refitted
+from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of

@@ -9,7 +9,7 @@ import numpy as np
 from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.gain import Gain, measure_gain
-from veo_ti.diagnosis.leaders import Progress
+from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.model import OURS, Model, Refit
 from veo_ti.diagnosis.noise import Noise, counted, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once

@@ -1,0 +1,52 @@
+"""How often a cause is refitted."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from veo_ti.diagnosis import looks
+from veo_ti.diagnosis.placing import Spot
+
+
+@pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
+def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monkeypatch):
+    """Where it was at another place, its own is looked at once more, if that is worth it."""
+    found, begun = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0), []
+    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
+    model = SimpleNamespace(s2=2.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
+    known = {"tuned": found, "following": model, "staying": 10.0}
+
+    def tried(left: float) -> looks.Tried:
+        made = looks.Tried(result=found, model=model, left=left, fine=False)
+        made.__dict__.update(known, spot=Spot(place=2, coefficients=0.0, theta=0.0))
+        return made
+
+    monkeypatch.setattr(looks, "refit", lambda *given, **more: begun.append((more["place"], more["most"])))
+    monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: tried(then))
+    after = looks.looked(tried(1.0), 0.9, 0.0, None, str)
+    assert begun == [(2, 15.0)] and (after.left == then) == taken  # given up where it would cost half more
+    if not taken:
+        after.__dict__.update(known)
+        again = looks.looked(after, 0.9, 0.0, None, str)
+        assert begun[1:] == [(1, np.inf)] and again.result is found and again.left == 1.0
+        again.__dict__.update(known)
+        assert looks.looked(again, 0.9, 0.0, None, str) is again
+
+
+@pytest.mark.parametrize(("leaves", "asked", "left"), [
+    ((5.0, 2.0, 1.9), 3, 1.9), ((9.5, 1.0), 1, 9.5), ((11.0, 1.0), 1, 10.0), ((5.0, 2.0, 1.0, 0.1), 3, 1.0),
+])  # fmt: skip
+def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(leaves, asked, left, monkeypatch):
+    """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most."""
+    fits = iter(leaves)
+    cause = SimpleNamespace(name="any", closer=lambda *_: ("place", None))
+
+    def tried(left: float) -> SimpleNamespace:
+        tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=None, without=None, coefficients=None)
+        return SimpleNamespace(tuned=tuned, following=None, left=left)
+
+    monkeypatch.setattr(looks, "refit", lambda *_, **more: None)
+    monkeypatch.setattr(looks.Tried, "of", lambda *_, **more: tried(next(fits)))
+    assert looks.beyond(tried(10.0), None, str).left == left
+    assert len(leaves) - len(list(fits)) == asked

@@ -1,0 +1,147 @@
+"""One cause refitted, and again where that is worth it: at what it leaves, elsewhere, beyond the first order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.noise import counted, measure_noise
+from veo_ti.diagnosis.placing import Spot, better_place
+from veo_ti.diagnosis.problem import Problem
+from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.score import Score
+
+CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
+LOOKS = 4  # at most that it gets; and
+_LOST = 1.5  # times the variance, which a look may leave instead and count; and
+_BEYOND = 3  # beyond the first order, where it is followed to that only
+WORTH = 5.0  # nats of evidence, that another prior of the material must bring
+IN_REACH, NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
+_NO_WORSE = 1.5  # times the cost of staying, more than which another place may not promise
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tried:
+    """A cause that was refitted under a model, and the variance [m2] at which what it leaves counts."""
+
+    result: Refit
+    model: Model
+    left: float
+    fine: bool  # whether the refit went to its end
+    stays: bool = False  # whether another place led nowhere
+    spent: bool = False  # whether another look at this one did
+
+    @classmethod
+    def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "Tried":
+        """Once it is refitted."""
+        scene = result.left
+        left = counted(scene, measure_noise(scene, modes), modes)
+        return cls(result=result, model=model, left=left, fine=fine or result.converged)
+
+    @cached_property
+    def tuned(self) -> Refit:
+        """Under the prior of highest evidence at what it leaves."""
+        return self.result.tuned(self.model, self.left)
+
+    @cached_property
+    def following(self) -> Model:
+        """The model of the next fit."""
+        return replace(self.model, s2=self.left, prior=self.tuned.prior[: len(self.tuned.coefficients)])
+
+    @cached_property
+    def staying(self) -> float:
+        """What it costs under that model to stay."""
+        result = self.result
+        own = Problem.of(result.without, self.following, result.cause, result.place)
+        return own.cost(result.scene, result.coefficients, result.theta)
+
+    @cached_property
+    def spot(self) -> Spot:
+        """Where the next fit begins."""
+        result = self.tuned
+        if self.stays:
+            return Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
+        return better_place(result, self.following)
+
+
+def tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
+    """A cause refitted at the place of its score, beside what `current` holds."""
+    say(f"refit with {found.name}")
+    here = current.coefficients
+    place, start, far = _begun(found.cause, found.place, here, model)
+    if current.cause is not None:
+        both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
+        theta = np.concatenate([current.theta, own])
+        where = (current.place, place)
+        return refit(current.without, model, start, cause=both, place=where, theta=theta, rough=True)
+    theta, shift = (found.theta, found.nuisances - here) if far is None else (far, None)
+    return refit(
+        current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift, rough=True
+    )  # fmt: skip
+
+
+def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> Tried:
+    """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
+    refitted material; to the end if it leaves little `enough`. As it was, if that leads away."""
+    if tried.spent or tried.left > NEARBY * least:
+        return tried
+    result, s2, spot = tried.tuned, tried.left, tried.spot
+    cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
+    moved = spot.place is not result.place  # places may be arrays
+    fine = s2 < enough and not moved  # where it stays
+    closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
+    if not moved and not (closer and s2 < IN_REACH * least):
+        return tried
+    say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
+    place, start, theta, shift, since, most = spot.place, result.coefficients, spot.theta, None, None, np.inf
+    if moved:
+        place, start, far = _begun(cause, place, start, tried.model)
+        if far is not None:
+            theta = far
+        else:
+            shift, since = spot.coefficients - result.coefficients, result.theta
+            most = _NO_WORSE * tried.staying
+    again = refit(
+        result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
+        rough=not fine, most=most,
+    )  # fmt: skip
+    looked = Tried.of(again, tried.following, modes, fine=fine)
+    if looked.left < _LOST * tried.left:
+        return looked
+    return replace(tried, stays=moved, spent=not moved)
+
+
+def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
+    """With what the cause does beyond the first order, as long as clearly less is left with it."""
+    for _ in range(_BEYOND):
+        result = tried.tuned
+        closer = result.cause.closer(result.scene, result.theta, result.place)
+        if closer is None:
+            break
+        say(f"{result.cause.name} beyond the first order")
+        place, theta = closer
+        again = Tried.of(
+            refit(result.without, tried.following, result.coefficients, cause=result.cause, place=place, theta=theta),
+            tried.following, modes, fine=True,
+        )  # fmt: skip
+        if again.left > tried.left:
+            break
+        last, tried = tried, again
+        if tried.left > CLOSER * last.left:
+            break
+    return tried
+
+
+def _begun(
+    cause: Cause, place: Any, coefficients: np.ndarray, model: Model
+) -> tuple[Any, np.ndarray, np.ndarray | None]:
+    """Where a fit at a place begins: place, coefficients, and theta where that is too far for the first order."""
+    at, stiffer = cause.begin(place)
+    return at, model.basis.stiffer(coefficients, stiffer), cause.known(place) if stiffer else None
