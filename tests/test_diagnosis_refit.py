@@ -47,7 +47,8 @@ def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsew
     a[MODE] = CHANGE * np.sqrt(model.prior[MODE])
     energy = scene.energy.with_elastic(model.basis.elastic(scene.energy.elastic, a))
     y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
-    measured = replace(scene, target=replace(scene.target, y=y))
+    seen = y + NOISE * np.random.default_rng(0).normal(size=y.shape)
+    measured = replace(scene, target=replace(scene.target, y=seen))
     start, rough = np.zeros(len(a)), replace(model, s2=NOISE**2)
     found = refit(measured, rough, start)
     least = Problem.of(measured, rough).cost(found.scene, found.coefficients, found.theta)
