@@ -40,8 +40,8 @@ def settle(
     the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
     serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
     not be told). Where no step along the direction leaves less, a tangent is not positive definite (what it leads to
-    may be no minimum), or even one with fresh factors leaves much and the caller is not `patient`, the motion so far is
-    returned, and the status of its frames says so. Not where the step would be smaller than `stalled` [m]: strains that
+    may be no minimum), or, where the caller is not `patient`, one with fresh factors leaves much or one with those at
+    hand as much as there was, the motion so far is returned, and the status of its frames says so. Not where the step would be smaller than `stalled` [m]: strains that
     take turns in being remembered leave no smaller ones.
     """
     options = options or NewtonOptions()
@@ -62,7 +62,7 @@ def settle(
             ending = Status.CONVERGED if _size(direction) < stalled else Status.LINE_SEARCH
             break
         here = there or here
-        if fresh and left > _FAR and not patient:
+        if left > (_FAR if fresh else 1.0) and not patient:
             break
         if fresh:
             expected = max(left, _KEEPS)
