@@ -40,9 +40,9 @@ def settle(
     the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
     serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
     not be told). Where no step along the direction leaves less, a tangent is not positive definite (what it leads to
-    may be no minimum), or, where the caller is not `patient`, one with fresh factors leaves much or one with those at
-    hand as much as there was, the motion so far is returned, and the status of its frames says so. Not where the step would be smaller than `stalled` [m]: strains that
-    take turns in being remembered leave no smaller ones.
+    may be no minimum), or the caller is not `patient` and one with fresh factors leaves much, or the first one, with
+    those given, as much as there was, the motion so far is returned, and the status of its frames says so. Not where
+    the step would be smaller than `stalled` [m]: strains that take turns in being remembered leave no smaller ones.
     """
     options = options or NewtonOptions()
     here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
@@ -62,7 +62,7 @@ def settle(
             ending = Status.CONVERGED if _size(direction) < stalled else Status.LINE_SEARCH
             break
         here = there or here
-        if left > (_FAR if fresh else 1.0) and not patient:
+        if not patient and (left > _FAR if fresh else there is None and steps == 1):
             break
         if fresh:
             expected = max(left, _KEEPS)

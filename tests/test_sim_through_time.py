@@ -10,7 +10,7 @@ import sim_cases
 from sim.cloud import RestCloud
 from sim.energy import Energy
 from sim.laws.history import Memory, green_strain, largest, viscous
-from sim.linear import Layout
+from sim.linear import DirectFactors, Layout
 from sim.newton import NewtonOptions, Status, equilibrate
 from sim.recollection import Passing, Recollection
 from sim.sensitivity import Past
@@ -105,6 +105,17 @@ def test_an_impatient_one_stops_where_a_step_leaves_much(elastic, pull, served):
     assert whole.converged and soon.converged == served
     after = settle(ask, soon.y, layout, options=TIGHT).equilibrium
     assert soon.iterations[0] <= whole.iterations[0] and sim_cases.relative(after.y, whole.y) < 1e-8
+
+
+def test_an_impatient_one_stops_where_given_factors_lead_nowhere(elastic):
+    """Those of a body twenty times as stiff: a step with them is far too short."""
+    energy, start = sim_cases.clamped(elastic, PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+    stiff = energy.with_elastic(elastic.with_parameters(20 * elastic.m))
+    ask, layout = remembering(energy, 2.0), Layout.of(elastic)
+    given = DirectFactors.of(stiff.tangent(start), layout)
+    soon = settle(ask, start, layout, factors=given, options=TIGHT, patient=False).equilibrium
+    patient = settle(ask, start, layout, factors=given, options=TIGHT).equilibrium
+    assert patient.converged and not soon.converged and soon.iterations[0] == 1 and (soon.y == start).all()
 
 
 def test_an_unstable_state_is_not_taken_for_an_equilibrium(elastic):
