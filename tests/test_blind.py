@@ -219,6 +219,9 @@ def test_effects_take_turns():
     assert max(ones.count(n) for n in world.CATALOGUE) - min(ones.count(n) for n in world.CATALOGUE) <= 1
     assert sum(p == () for p in plans) == 15
     assert not any(world.plan(seed, "nulls")[0] for seed in range(40))
+    clear = [world.plan(seed, "clear")[0] for seed in range(1000, 1200)]
+    assert {len(set(pair)) for pair in clear} == {2}
+    assert {name for pair in clear for name in pair} == set(world.CATALOGUE) - {*world.TAKEN_UP, *world.BRISK}
 
 
 CASES = {

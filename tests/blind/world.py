@@ -17,11 +17,13 @@ CATALOGUE: dict[str, Draw] = {d.__name__: d for m in (of_material, of_loads, of_
 OUTSIDE: dict[str, Draw] = {d.__name__: d for d in outside.DRAWS}
 PLAN = ("one", "one", "none", "one", "one", "outside", "one", "two", "one", "one", "none", "one", "outside", "one",
         "one", "two", "one", "none", "one", "outside")  # fmt: skip
-MIXES = ("default", "nulls", "harsh", "two")
-CLEAR = (8.0, 30.0)  # goals of the mix of two effects, in units of noise: neither is to drown
+MIXES = ("default", "nulls", "harsh", "two", "clear")
+CLEAR = (8.0, 30.0)  # goals of the mixes of two effects, in units of noise: neither is to drown
 FIRST_JUDGED = 1000
 BRISK = ("inertia",)  # effects that need frames in quick succession
 ALONE = ("disconnection", "prestress")  # effects that change what others would be drawn on
+TAKEN_UP = ("strain_stiffening", "volumetric_law", "fibre_anisotropy", "stiffness_drift", "follower_load",
+            "hidden_tether", "hidden_contact", "support_compliance", *ALONE)  # by another stiffness, nearly or in part
 TRIES = 4
 ROUGHLY = 3  # times longer steps serve to find the amount
 
@@ -42,10 +44,13 @@ class Trial:
 
 
 def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
-    """The effects that a seed hides and its setting: effects take turns, so that all are met equally often."""
+    """The effects that a seed hides and its setting: effects take turns, so that all are met equally often.
+
+    "two": two of them; "clear": two that show beside any stiffness.
+    """
     rng = np.random.default_rng([seed, 3])
-    kind = {"nulls": "none", "two": "two"}.get(mix, PLAN[seed % len(PLAN)])
-    harsh = {"default": 0.2, "nulls": 0.5, "harsh": 1.0, "two": 0.2}[mix]
+    kind = {"nulls": "none", "two": "two", "clear": "two"}.get(mix, PLAN[seed % len(PLAN)])
+    harsh = {"nulls": 0.5, "harsh": 1.0}.get(mix, 0.2)
     setting = str(rng.choice(tracking.SETTINGS[1:])) if rng.random() < harsh else "iid"
     rank = seed // len(PLAN) * PLAN.count(kind) + PLAN[: seed % len(PLAN)].count(kind)
     if kind == "one":
@@ -53,7 +58,8 @@ def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
     if kind == "outside":
         return (list(OUTSIDE)[5 * rank % len(OUTSIDE)],), setting
     if kind == "two":
-        free = [name for name in CATALOGUE if name not in (*ALONE, *BRISK)]
+        kept_out = (*BRISK, *(TAKEN_UP if mix == "clear" else ALONE))
+        free = [name for name in CATALOGUE if name not in kept_out]
         return tuple(str(n) for n in rng.choice(free, size=2, replace=False)), setting
     return (), setting
 
