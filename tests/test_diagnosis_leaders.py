@@ -100,8 +100,11 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, foll
     begun, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
     result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
     result.without = None
-    late = SimpleNamespace(result=result, tuned=result, left=leaves, model=SimpleNamespace(s2=9.0), spent=False)
-    late.spot, late.following, late.staying = Spot(place="there", coefficients=0.0, theta=0.0), None, 0.0
+    late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0), fine=False)
+    here, there = (Spot(place=place, coefficients=0.0, theta=0.0) for place in ("here", "there"))
+    shown = property(lambda tried: here if tried.stays else there)
+    for name, value in {"tuned": result, "spot": shown, "following": None, "staying": 0}.items():
+        monkeypatch.setattr(leaders.Tried, name, value)
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
     monkeypatch.setattr(leaders, "tried_once", lambda *_: None)
     monkeypatch.setattr(leaders.Tried, "of", lambda *_, **more: late)

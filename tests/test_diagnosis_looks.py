@@ -9,29 +9,47 @@ from veo_ti.diagnosis import looks
 from veo_ti.diagnosis.placing import Spot
 
 
-@pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
-def test_a_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, monkeypatch):
-    """Where it was at another place, its own is looked at once more, if that is worth it."""
-    found, begun = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0), []
+@pytest.fixture
+def tried(monkeypatch):
+    """Makes a cause that was tried at place 1 and leaves so much, where place 2 shows; later ones leave the next of
+    `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up."""
+    found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0)
     found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
     model = SimpleNamespace(s2=2.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
     known = {"tuned": found, "following": model, "staying": 10.0}
 
-    def tried(left: float) -> looks.Tried:
+    def make(left: float) -> looks.Tried:
         made = looks.Tried(result=found, model=model, left=left, fine=False)
         made.__dict__.update(known, spot=Spot(place=2, coefficients=0.0, theta=0.0))
         return made
 
-    monkeypatch.setattr(looks, "refit", lambda *given, **more: begun.append((more["place"], more["most"])))
-    monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: tried(then))
-    after = looks.looked(tried(1.0), 0.9, 0.0, None, str)
-    assert begun == [(2, 15.0)] and (after.left == then) == taken  # given up where it would cost half more
+    def again(one: looks.Tried) -> looks.Tried:
+        one.__dict__.update(known)
+        return looks.looked(one, 0.9, 0.0, None, str)
+
+    make.then, make.begun, make.again = [], [], again
+    monkeypatch.setattr(looks, "refit", lambda *given, **more: make.begun.append((more["place"], more["most"])))
+    monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: make(make.then.pop(0)))
+    return make
+
+
+@pytest.mark.parametrize(("then", "taken", "stays"), [(0.2, True, False), (0.95, True, True), (1.2, False, True)])
+def test_another_place_must_leave_less_and_clearly_less_for_yet_another(then, taken, stays, tried):
+    tried.then = [then]
+    after = tried.again(tried(1.0))
+    assert tried.begun == [(2, 15.0)]  # given up where it would cost half more
+    assert (after.left == then) == taken and after.stays == stays
+
+
+@pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
+def test_a_closer_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, tried):
+    """It is at the same place still where another one led nowhere."""
+    tried.then = [3.0, then]
+    stayed = tried.again(tried(1.0))
+    after = tried.again(stayed)
+    assert tried.begun[1:] == [(1, np.inf)] and (after.left == then) == taken and after.stays
     if not taken:
-        after.__dict__.update(known)
-        again = looks.looked(after, 0.9, 0.0, None, str)
-        assert begun[1:] == [(1, np.inf)] and again.result is found and again.left == 1.0
-        again.__dict__.update(known)
-        assert looks.looked(again, 0.9, 0.0, None, str) is again
+        assert after.left == 1.0 and tried.again(after) is after
 
 
 @pytest.mark.parametrize(("leaves", "asked", "left"), [

@@ -18,7 +18,7 @@ from veo_ti.diagnosis.score import Score
 
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
 LOOKS = 4  # at most that it gets; and
-_LOST = 1.5  # times the variance, which a look may leave instead and count; and
+_LOST = 1.5  # times the variance, which one at the same place may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 IN_REACH, NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
@@ -35,7 +35,7 @@ class Tried:
     model: Model
     left: float
     fine: bool  # whether the refit went to its end
-    stays: bool = False  # whether another place led nowhere
+    stays: bool = False  # whether another place brought little or nothing
     spent: bool = False  # whether another look at this one did
 
     @classmethod
@@ -89,7 +89,8 @@ def tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Ref
 
 def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> Tried:
     """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
-    refitted material; to the end if it leaves little `enough`. As it was, if that leads away."""
+    refitted material; to the end if it leaves little `enough`. As it was, if that leads away; another place must leave
+    less, and clearly less for there to be yet another."""
     if tried.spent or tried.left > NEARBY * least:
         return tried
     result, s2, spot = tried.tuned, tried.left, tried.spot
@@ -113,9 +114,10 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
         rough=not fine, most=most,
     )  # fmt: skip
     looked = Tried.of(again, tried.following, modes, fine=fine)
-    if looked.left < _LOST * tried.left:
-        return looked
-    return replace(tried, stays=moved, spent=not moved)
+    if moved:  # it may lead back and forth
+        better = looked if looked.left < tried.left else tried
+        return replace(better, stays=looked.left > CLOSER * tried.left)
+    return replace(looked, stays=tried.stays) if looked.left < _LOST * tried.left else replace(tried, spent=True)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
