@@ -17,7 +17,7 @@ from sim.multifrontal import Cholesky, Dissection
 from sim.pattern import Pattern
 from sim.runtime import serial_blas
 
-ROOM = 200_000  # points of all frames together, up to which the factors are held: about 10 kB a point
+ROOM = 200_000  # points of all frames together, up to which the factors are held: about 5 kB a point, 10 in double
 _THREADS = 2
 _DIGITS = 1e-3  # of a solution, that single precision may get wrong
 
@@ -136,8 +136,8 @@ class Layout:
             return None
 
     def roughly(self, blocks: np.ndarray) -> Cholesky | None:
-        """The same in single precision, to about four digits at half the time and memory, where that shows that they
-        are."""
+        """The same in single precision, to about four digits, in half the memory and less time, where that shows that
+        they are."""
         return self.cholesky(blocks.astype(np.float32)) or self.cholesky(blocks)
 
     def indefinite(self, blocks: np.ndarray) -> SuperLU:

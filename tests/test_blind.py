@@ -212,18 +212,6 @@ def test_what_makes_a_trial_does_not_know_the_toolkit():
         assert path.name == "judging.py" or not known, f"{path.name} imports {known}"
 
 
-def test_effects_take_turns():
-    plans = [world.plan(seed, "default")[0] for seed in range(1000, 1100)]
-    ones = [p[0] for p in plans if len(p) == 1 and p[0] in world.CATALOGUE]
-    assert set(ones) == set(world.CATALOGUE)
-    assert max(ones.count(n) for n in world.CATALOGUE) - min(ones.count(n) for n in world.CATALOGUE) <= 1
-    assert sum(p == () for p in plans) == 15
-    assert not any(world.plan(seed, "nulls")[0] for seed in range(40))
-    clear = [world.plan(seed, "clear")[0] for seed in range(1000, 1200)]
-    assert {len(set(pair)) for pair in clear} == {2}
-    assert {name for pair in clear for name in pair} == set(world.CATALOGUE) - {*world.TAKEN_UP, *world.BRISK}
-
-
 CASES = {
     "right": (["inertia"], "named", ["inertia"]),
     "wrong name": (["inertia"], "named", ["softening"]),

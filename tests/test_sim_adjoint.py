@@ -123,11 +123,13 @@ def directions(elastic: Elastic, count: int = 3) -> np.ndarray:
     return elastic.m * np.random.default_rng(2).normal(size=(count, *elastic.m.shape))
 
 
-def test_forward_sensitivities_agree_with_the_adjoint(energy, state):
+@pytest.mark.parametrize(("wrong", "close"), [(1e-3, 1e-4), (0.0, 1e-8)])  # in single precision, and in double
+def test_forward_sensitivities_agree_with_the_adjoint(energy, state, wrong, close, monkeypatch):
+    monkeypatch.setattr("sim.linear._DIGITS", wrong)
     slope, ways = loss(state)[1], directions(energy.elastic)
     forward = sum((S * s).sum(axis=(1, 2)) for S, s in zip(sensitivities(energy, state, ways), slope, strict=True))
     adjoint = (ways * implicit_gradient(energy, state, slope)).sum(axis=(1, 2))
-    assert forward == pytest.approx(adjoint, rel=1e-4)  # sensitivities are solved in single precision
+    assert forward == pytest.approx(adjoint, rel=close)
 
 
 def test_equilibrium_follows_its_sensitivity_to_second_order(energy, state):

@@ -77,12 +77,15 @@ def test_solution_is_the_one_of_scipy(kind, tangent, exact):
     assert sim_cases.relative(solve.x, exact) < 1e-8
 
 
-def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact):
-    factors = DirectFactors.of(tangent, Layout.of(tangent.energy.elastic))
-    right = right_side(tangent)
+def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact, monkeypatch):
+    layout, right, both = Layout.of(tangent.energy.elastic), right_side(tangent), np.stack([exact, 2 * exact], axis=1)
+    factors = DirectFactors.of(tangent, layout)
     assert sim_cases.relative(factors(right), exact) < 1e-5
-    many = solve_directly(tangent, Layout.of(tangent.energy.elastic), np.stack([right, 2 * right], axis=1))
-    assert sim_cases.relative(many, np.stack([exact, 2 * exact], axis=1)) < 1e-5
+    assert sim_cases.relative(DirectFactors.of(tangent, layout, exact=True)(right), exact) < 1e-9
+    many = np.stack([right, 2 * right], axis=1)
+    assert sim_cases.relative(solve_directly(tangent, layout, many), both) < 1e-5
+    monkeypatch.setattr("sim.linear._DIGITS", 0.0)  # none may be wrong: double precision
+    assert sim_cases.relative(solve_directly(tangent, layout, many), both) < 1e-9
     assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
 
 
@@ -135,7 +138,8 @@ def test_preconditioner_is_symmetric_and_positive(kind, tangent):
     precondition = LinearSolver.of(tangent.energy, kind).preconditioner(tangent)
     a, b = right_side(tangent, 1), right_side(tangent, 2)
     ab, ba, aa = (np.einsum("tna,tna->t", p, precondition(q)) for p, q in ((a, b), (b, a), (a, a)))
-    assert ab == pytest.approx(ba, rel=1e-5)  # factors are in single precision
+    # Factors are in single precision; the coarse inverse is rounded in nearly empty motions.
+    assert ab == pytest.approx(ba, rel={"direct": 1e-5, "two-level": 1e-7}[kind])
     assert (aa > 0).all()
 
 

@@ -113,11 +113,11 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
         result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
         rough=not fine, most=most,
     )  # fmt: skip
-    looked = Tried.of(again, tried.following, modes, fine=fine)
+    after = Tried.of(again, tried.following, modes, fine=fine)
     if moved:  # it may lead back and forth
-        better = looked if looked.left < tried.left else tried
-        return replace(better, stays=looked.left > CLOSER * tried.left)
-    return replace(looked, stays=tried.stays) if looked.left < _LOST * tried.left else replace(tried, spent=True)
+        better = after if after.left < tried.left else tried
+        return replace(better, stays=after.left > CLOSER * tried.left)
+    return replace(after, stays=tried.stays) if after.left < _LOST * tried.left else replace(tried, spent=True)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
