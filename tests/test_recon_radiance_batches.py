@@ -42,5 +42,6 @@ def test_what_is_drawn_is_what_was_filmed(views, occupancy):  # noqa: F811
     number = np.array([toward[tuple(d)] for d in batch.direction.tolist()])
     for frame in (0, 1):
         own = frames.numpy() == frame
-        assert (array(batch.colour)[own] == of_all(views.images, frame)[number[own]] / np.float32(255)).all()
-        assert (array(batch.matte)[own] == of_all(views.mattes, frame)[number[own]] / np.float32(255)).all()
+        for drawn, filmed in ((batch.colour, views.images), (batch.matte, views.mattes)):  # a GPU may round a quotient
+            assert (np.rint(255 * array(drawn)[own]) == of_all(filmed, frame)[number[own]]).all()
+            assert array(drawn).max() <= 1
