@@ -9,11 +9,12 @@ from ellipsoid_scene import RADII, drawn, inside, ring, silhouette
 
 from recon.quality.similarity import psnr
 from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
+from recon.radiance.device import array
 from recon.radiance.extraction import ExtractOptions, carried, extract
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hashgrid import HashGrid
 from recon.radiance.options import TrainOptions
-from recon.radiance.rendering import Picture, camera_rays, render
+from recon.radiance.rendering import Picture, along, camera_rays, render
 from recon.radiance.storage import load_trained, save_trained
 from recon.radiance.training import train
 from recon.views import Views
@@ -93,6 +94,25 @@ def test_cloud_fills_the_object_with_its_skin_flagged(cloud):
     assert not cloud.normals[~cloud.surface].any()
     depth = np.linalg.norm(cloud.points[0] / RADII, axis=1)
     assert depth[cloud.surface].mean() > depth[~cloud.surface].mean() + 0.15
+
+
+@pytest.mark.parametrize(("thick", "asked"), [(5.0, (1.0, 1.0)), (5000.0, (0.2, 0.7))])
+def test_a_field_is_not_asked_for_what_is_hidden_and_the_picture_is_the_same(cameras, thick, asked):
+    """Fog of `thick` [1/m] in a cube, coloured by place, against the composite of all samples."""
+    steps, camera, count = np.linspace(-0.06, 0.06, 13), cameras[0], []
+    occupancy = cloud_occupancy(np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3), cut=0.02, cells=200)
+
+    def fog(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        count.append(len(places))
+        inside = places.abs().max(dim=1).values < 0.05
+        return thick * inside, 0.5 + 8 * places.clamp(-0.05, 0.05)
+
+    shown, (start, direction) = render(fog, occupancy, camera), camera_rays(camera)
+    few = sum(count)
+    whole, samples, _ = along(fog, occupancy, start, direction, torch.zeros(len(start), dtype=torch.long))
+    assert np.abs(shown.colour - array(whole.colour).reshape(shown.colour.shape)).max() < 1e-3
+    assert np.abs(shown.opacity - array(whole.opacity).reshape(shown.opacity.shape)).max() < 1e-3
+    assert array(whole.opacity).max() > 0.2 and asked[0] <= few / len(samples.depth) <= asked[1]
 
 
 def test_the_more_rays_a_pixel_has_the_better_it_shows_how_much_an_edge_covers(cameras):

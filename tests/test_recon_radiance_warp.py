@@ -43,6 +43,17 @@ def test_places_go_where_the_papers_formula_says_inside_and_far_away(clouds):
     assert nearest == pytest.approx(distance, abs=1e-6)
 
 
+def test_a_cut_changes_nothing_within_it_and_leaves_the_rest_beyond(clouds):
+    rest, moved = clouds
+    warp, cut = CloudWarp.of(rest, moved), 0.02
+    places = torch.from_numpy(np.random.default_rng(1).uniform(-0.2, 0.4, size=(4000, 3)).astype(np.float32))
+    (found, nearest), (short, known) = warp(places), warp(places, cut)
+    near = nearest <= cut
+    assert 50 < near.sum() < 3000
+    assert (short[near] == found[near]).all() and (known[near] == nearest[near]).all()
+    assert (known[~near] > cut).all()
+
+
 def test_a_shift_is_undone_exactly(clouds):
     rest, _ = clouds
     places = torch.from_numpy((rest + SHIFT).astype(np.float32))

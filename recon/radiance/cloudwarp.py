@@ -17,7 +17,7 @@ from sim.runtime import ensure
 
 NEIGHBOURS = 5  # the paper's K
 _LEAST = 1e-9  # [m], below which distances are all alike
-_MOST_RINGS = 64  # of cells that are searched
+_FAR = 1e15  # [m], farther than which nothing is
 _STRETCHED = 1.5  # times as far apart as at rest
 
 Reals1, Reals2 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2))
@@ -60,14 +60,17 @@ class CloudWarp:
             shape=tuple(shape.tolist()), spacing=spacing,
         )  # fmt: skip
 
-    def __call__(self, places: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Where places (S, 3) [m] were at rest, (S, 3), and how far the nearest point is, (S,) [m]."""
+    def __call__(self, places: torch.Tensor, cut: float = np.inf) -> tuple[torch.Tensor, torch.Tensor]:
+        """Where places (S, 3) [m] were at rest, (S, 3), and how far the nearest point is, (S,) [m].
+
+        Of places farther than `cut` [m] from all points it is only said that they are.
+        """
         ensure()
         places = places.detach().contiguous()
         out, nearest = torch.empty_like(places), places.new_empty(len(places))
         if len(places):
             _interpolate(places, self.moved, self.offset, self.first, self.origin, Numbers3(*self.shape), self.spacing,
-                         out, nearest)  # fmt: skip
+                         min(cut, _FAR), out, nearest)  # fmt: skip
         return out, nearest
 
 
@@ -75,7 +78,7 @@ def moved_field(canonical: Callable, warp: CloudWarp, cut: float) -> Field:
     """The field of a moved cloud: `v(p_c)`, clear where no point is within `cut` [m]."""
 
     def field(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        rest, nearest = warp(places)
+        rest, nearest = warp(places, cut)
         near = torch.nonzero(nearest < cut)[:, 0]
         density, colour = places.new_zeros(len(places)), places.new_zeros(len(places), 3)
         if len(near):
@@ -131,9 +134,10 @@ def _insert(distances: ti.template(), which: ti.template(), square: ti.f32, m: t
 @ti.kernel
 def _interpolate(
     places: Reals2, moved: Reals2, offset: Reals2, first: Numbers1, origin: Reals1, shape: Numbers3, spacing: ti.f32,
-    out: Reals2, nearest: Reals1,
+    cut: ti.f32, out: Reals2, nearest: Reals1,
 ):  # fmt: skip
-    # Rings of cubes around the place's own, until the fifth nearest is nearer than whatever was not searched.
+    # Rings of cubes around the place's own, until the fifth nearest is nearer than whatever was not searched, or all
+    # that was not is farther than anyone asks.
     for q in range(places.shape[0]):
         x, home = triple(0), Numbers3(0)
         for a in ti.static(range(3)):
@@ -161,7 +165,8 @@ def _interpolate(
                 inside = x[a] - origin[a] - ti.cast(home[a], ti.f32) * spacing
                 reach = ti.min(reach, ti.max(inside, 0) + ring * spacing, ti.max(spacing - inside, 0) + ring * spacing)
             whole = ti.max(shape[0], shape[1], shape[2])
-            if distances[4] <= reach * reach or ring >= whole:
+            beyond = distances[0] > cut * cut and reach > cut
+            if distances[4] <= reach * reach or ring >= whole or beyond:
                 done = 1
             ring += 1
         weights, least = ti.Vector([ti.cast(0, ti.f32)] * 5), ti.cast(1e30, ti.f32)

@@ -14,6 +14,8 @@ from sim.checks import require
 
 STILL = 2  # fineness of a picture that is no film's: a pixel of a filmed one is the mean of what it covers, too
 _CHUNK = 1 << 14  # rays at a time
+_SLAB = 16  # samples of a ray at a time
+_HIDDEN = 7.0  # optical depth, behind which less than a thousandth is seen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,11 +68,29 @@ def render(
     parts = []
     for own, toward, end in zip(*(v.split(_CHUNK) for v in (start, direction, until)), strict=True):
         frames = torch.full((len(own),), frame, device=device())
-        parts.append(along(field, occupancy, own, toward, frames, until=end)[0])
+        samples = march(occupancy, own, toward, frames, step=occupancy.step, until=end)
+        density, colour = _unhidden(field, samples, occupancy.step)
+        length = torch.full_like(samples.depth, occupancy.step)
+        parts.append(composite(density, colour, length, samples.depth, samples.rays))
     colour, opacity, depth = (array(torch.cat([getattr(p, n) for p in parts])) for n in ("colour", "opacity", "depth"))
     away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
     own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
     return own if behind is None else _over(own, behind)
+
+
+def _unhidden(field: Field, samples: Samples, step: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Density (S,) and colour (S, 3) of samples, front to back: the field is not asked for what is hidden."""
+    density, colour = torch.zeros_like(samples.depth), torch.zeros_like(samples.place)
+    before = density.new_zeros(len(samples.rays))
+    order = torch.arange(len(density), device=density.device) - samples.rays[samples.ray, 0]
+    for first in range(0, int(samples.rays[:, 1].max()), _SLAB):
+        slab = (order >= first) & (order < first + _SLAB) & (before[samples.ray] < _HIDDEN)
+        own = torch.nonzero(slab)[:, 0]
+        if not len(own):
+            break
+        density[own], colour[own] = field(samples.place[own], samples.frame[own])
+        before.index_add_(0, samples.ray[own], density[own] * step)
+    return density, colour
 
 
 def _repeated(picture: Picture, times: int) -> Picture:
