@@ -22,6 +22,8 @@ from benchmarks.reconstruction_rows import (
 from benchmarks.table import Row, publish, report
 from recon.radiance.device import use
 from recon.radiance.extraction import ExtractOptions, extract
+from recon.radiance.fields import FieldOptions
+from recon.radiance.hashgrid import HashGrid
 from recon.radiance.options import TrainOptions
 from recon.rig.make import make_rig
 from recon.rig.motion import SHAPES
@@ -65,7 +67,8 @@ class Plan:
 
 FULL = Plan(
     static=RigOptions(frames=2, size=480, greys=False), static_resolution=256,
-    single=TrainOptions(canonical_steps=740, motion_steps=0, field_rate=6e-2),
+    single=TrainOptions(canonical_steps=640, motion_steps=0, field_rate=6e-2, cells=136,
+                        field=FieldOptions(grid=HashGrid(finest=300, log2_table=16))),
     few=RigOptions(cameras=9, frames=2, size=240), few_test=("cam0002", "cam0005"), few_steps=750,
     moving=RigOptions(frames=12, size=240, greys=False), unseen="pillow", resolution=128,
     short=TrainOptions(canonical_steps=250, motion_steps=700),
