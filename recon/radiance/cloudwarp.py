@@ -17,7 +17,7 @@ from sim.runtime import ensure
 
 NEIGHBOURS = 5  # the paper's K
 _LEAST = 1e-9  # [m], below which distances are all alike
-_FAR = 1e15  # [m], farther than which nothing is
+_FAR = 1e15  # [m], farther than which nothing is; its square is a number in single precision
 _STRETCHED = 1.5  # times as far apart as at rest
 
 Reals1, Reals2 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2))
@@ -60,7 +60,7 @@ class CloudWarp:
             shape=tuple(shape.tolist()), spacing=spacing,
         )  # fmt: skip
 
-    def __call__(self, places: torch.Tensor, cut: float = np.inf) -> tuple[torch.Tensor, torch.Tensor]:
+    def __call__(self, places: torch.Tensor, cut: float = _FAR) -> tuple[torch.Tensor, torch.Tensor]:
         """Where places (S, 3) [m] were at rest, (S, 3), and how far the nearest point is, (S,) [m].
 
         Of places farther than `cut` [m] from all points it is only said that they are.
@@ -70,7 +70,7 @@ class CloudWarp:
         out, nearest = torch.empty_like(places), places.new_empty(len(places))
         if len(places):
             _interpolate(places, self.moved, self.offset, self.first, self.origin, Numbers3(*self.shape), self.spacing,
-                         min(cut, _FAR), out, nearest)  # fmt: skip
+                         cut, out, nearest)  # fmt: skip
         return out, nearest
 
 

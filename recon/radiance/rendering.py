@@ -41,8 +41,12 @@ def along(
     """The composite of rays (R, 3) in frames (R,), their samples, and each sample's density times its length."""
     samples = march(occupancy, start, direction, frame, step=occupancy.step, shift=shift, since=since, until=until)
     density, colour = field(samples.place, samples.frame)
-    length = torch.full_like(samples.depth, occupancy.step)
-    return composite(density, colour, length, samples.depth, samples.rays), samples, density * occupancy.step
+    return _composited(density, colour, samples, occupancy.step), samples, density * occupancy.step
+
+
+def _composited(density: torch.Tensor, colour: torch.Tensor, samples: Samples, step: float) -> Composite:
+    length = torch.full_like(samples.depth, step)
+    return composite(density, colour, length, samples.depth, samples.rays)
 
 
 @torch.no_grad()
@@ -69,9 +73,7 @@ def render(
     for own, toward, end in zip(*(v.split(_CHUNK) for v in (start, direction, until)), strict=True):
         frames = torch.full((len(own),), frame, device=device())
         samples = march(occupancy, own, toward, frames, step=occupancy.step, until=end)
-        density, colour = _unhidden(field, samples, occupancy.step)
-        length = torch.full_like(samples.depth, occupancy.step)
-        parts.append(composite(density, colour, length, samples.depth, samples.rays))
+        parts.append(_composited(*_unhidden(field, samples, occupancy.step), samples, occupancy.step))
     colour, opacity, depth = (array(torch.cat([getattr(p, n) for p in parts])) for n in ("colour", "opacity", "depth"))
     away = np.where(opacity > 0.5, depth / np.maximum(opacity, 1e-6), np.inf)
     own = Picture(colour=colour.reshape(*shape, 3), opacity=opacity.reshape(shape), depth=away.reshape(shape))
