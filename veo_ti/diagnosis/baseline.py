@@ -30,6 +30,18 @@ class Baseline:
     noise: Noise
     modes: np.ndarray  # (N, S), smooth in space
 
+    @property
+    def given(self) -> tuple[Refit, Model, float, np.ndarray]:
+        """What a first look begins with: fit, model, variance of the noise [m2], smooth modes."""
+        return self.refit, self.model, self.noise.variance, self.modes
+
+    def beside(self, found: Refit) -> tuple[Model, float]:
+        """The model, and the variance of the noise [m2], once a cause is part of it: what it explains was no noise."""
+        left, noise = measure_noise(found.left, self.modes), self.noise
+        less = replace(noise, correlation=min(noise.correlation, left.correlation))
+        prior = found.prior[: len(found.coefficients)]
+        return replace(self.model, s2=counted(found.left, less, self.modes), prior=prior), less.variance
+
     @classmethod
     def of(cls, identification: Identification, say: Progress) -> "Baseline":
         """The identified material, fitted again together with the discretisation.

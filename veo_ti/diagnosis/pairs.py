@@ -61,27 +61,28 @@ class _Pair:
 
 
 def two_at_once(
-    alone: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
-    say: Progress, again: Callable[[Sequence[Refit]], Round],
+    alone: Round, narrower: Callable[[Refit], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
+    say: Progress, again: Callable[[Sequence[Refit]], Round], *, but: str = "",
 ) -> tuple[Round, ...] | None:  # fmt: skip
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
-    alone: a round that named none; narrower(candidate): model and floor once that cause is part of it; again(refits):
-    the round with further refits. Where a first cause only had to move, and beside it the second adds nothing, that
-    round names it alone. A second cause is looked for beside each of the two that explain most, at least half, and, if
-    there is one, beside those that explain nearly as much; both are refitted together. Then beside the second ones of
-    the best pairs: the first one may only imitate what goes with them. Beside one that explains nearly all it may be a
-    shadow, and has to be as sure as one beside a named cause. Where all pairs that come near have one cause in common,
-    that one is named and the second round is ambiguous; where each is one of some beside one of others, and the best
-    explains all but noise, both rounds are.
+    alone: a round that named none; narrower(refit): model and floor once that cause is part of it; again(refits):
+    the round with further refits; but: no start, since a second one was looked for beside it before. Where a first
+    cause only had to move, and beside it the second adds nothing, that round names it alone. A second cause is
+    looked for beside each of the two that explain most, at least half, and, if there is one, beside those that
+    explain nearly as much; both are refitted together. Then beside the second ones of the best pairs: the first one
+    may only imitate what goes with them. Beside one that explains nearly all it may be a shadow, and has to be as
+    sure as one beside a named cause. Where all pairs that come near have one cause in common, that one is named and
+    the second round is ambiguous; where each is one of some beside one of others, and the best explains all but
+    noise, both rounds are.
     """
-    able = [c for c in alone.candidates if c.able and c.testable and c.explained > EXPLAINED]
+    able = [c for c in alone.candidates if c.able and c.testable and c.explained > EXPLAINED and c.name != but]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
 
     def beside(start: Candidate) -> None:
         say(f"two at once, {start.name} and another")
-        model, floor = narrower(start)
+        model, floor = narrower(start.refit)
         others = [c for c in causes if c.name != start.name]
         least = min((p.found.least for p in pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)

@@ -1,20 +1,18 @@
 """The diagnosis from start to end: baseline, noise, misfit, scores, refits, verdict, gain, and a second cause."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
-from veo_ti.diagnosis.model import OURS, Model, Refit
-from veo_ti.diagnosis.noise import Noise, counted, measure_noise
+from veo_ti.diagnosis.model import OURS, Refit
+from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
-from veo_ti.diagnosis.rounds import Round, look, told_apart, with_more
-from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, stands, unexplained
+from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
+from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, either, stands, sufficient, unexplained
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 
@@ -52,26 +50,14 @@ def diagnose(
     """
     began, say = time.perf_counter(), progress or (lambda text: None)
     start = Baseline.of(identification, say)
-    baseline, model, noise, modes = start.refit, start.model, start.noise, start.modes
+    baseline, noise = start.refit, start.noise
     scene = baseline.scene
     reasons = {cause.name: cause.untestable(scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
-
-    def narrower(found: Candidate) -> tuple[Model, float]:
-        """The model and the floor once a cause is part of it: what it explains was no noise."""
-        left = found.refit.left
-        less = replace(noise, correlation=min(noise.correlation, measure_noise(left, modes).correlation))
-        prior = found.refit.prior[: len(found.refit.coefficients)]
-        return replace(model, s2=counted(left, less, modes), prior=prior), less.variance
-
-    first = look(baseline, model, noise.variance, modes, open_causes, say)
-
-    def again(more: Sequence[Refit]) -> Round:
-        return with_more(first, more, baseline, model, noise.variance, modes)
-
-    rounds = _rounds(first, narrower, modes, open_causes if second else (), say, again)
+    first = look(*start.given, open_causes, say)
+    rounds = _rounds(first, start, open_causes if second else (), say)
     if len(rounds) == 1:
-        rounds = [told_apart(rounds[0], baseline, model, rounds[0].s2, say)]
+        rounds = [told_apart(rounds[0], baseline, start.model, rounds[0].s2, say)]
     current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
     return Diagnosis(
         identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
@@ -86,27 +72,51 @@ def diagnose(
     )  # fmt: skip
 
 
-def _rounds(
-    first: Round, narrower: Callable[[Candidate], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
-    say: Progress, again: Callable[[Sequence[Refit]], Round],
-) -> list[Round]:  # fmt: skip
+def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress) -> list[Round]:
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
     also tell apart those of which each leaves clear misfit.
 
-    None is looked for in what is as small as the simulation's own error, of the motion or of what the named cause does.
+    Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
+    nearly all as well: either may be there, beside something else.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
-        others = [cause for cause in causes if cause.name != found[0].name]
-        model, floor = narrower(found[0])
-        if not others or found[0].misfit.z < MISFIT or 1 - found[0].explained < OURS**2:
-            return [first]
-        taken = found[0].refit.taken_in()
-        if not Left.by(taken, model.s2, measure_noise(taken.scene, modes).local, modes, shadow=True).visible:
-            return [first]
-        more = look(found[0].refit, model, floor, modes, others, say, shadow=True)
-        return [first, told_apart(more, found[0].refit, model, more.s2, say)]
+        more = _second(found[0], start, causes, say)
+        if more is None or more.verdict.kind != "unexplained":
+            return [first] if more is None else [first, more]
+        wider = widened(first, *start.given, say)
+        near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found[0].name]
+        if not near:
+            return [first, more]
+        unsure = replace(wider, verdict=either((*found, *near)), extended=None)
+        return _pair(unsure, start, causes, say, but=found[0].name)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
-    alone = replace(first, verdict=unexplained(found), extended=None) if kind == "named" else first
-    return list(two_at_once(alone, narrower, modes, causes, say, again) or [alone])
+    return _pair(first, start, causes, say)
+
+
+def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:
+    """The look beside a named cause; None in what is as small as the simulation's own error, of the motion or of what
+    that cause does."""
+    others = [cause for cause in causes if cause.name != found.name]
+    if not others or found.misfit.z < MISFIT or 1 - found.explained < OURS**2:
+        return None
+    (model, floor), taken = start.beside(found.refit), found.refit.taken_in()
+    noise = measure_noise(taken.scene, start.modes).local
+    if not Left.by(taken, model.s2, noise, start.modes, shadow=True).visible:
+        return None
+    more = look(found.refit, model, floor, start.modes, others, say, shadow=True)
+    return told_apart(more, found.refit, model, more.s2, say)
+
+
+def _pair(
+    first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, but: str = ""
+) -> list[Round]:  # fmt: skip
+    """Two causes at once instead of what the first look found alone, or that look, which then names none."""
+    none = replace(first, verdict=unexplained(first.verdict.causes[:1]), extended=None)
+    alone = none if first.verdict.kind == "named" else first
+
+    def again(more: Sequence[Refit]) -> Round:
+        return with_more(alone, more, *start.given)
+
+    return list(two_at_once(alone, start.beside, start.modes, causes, say, again, but=but) or [alone])

@@ -1,0 +1,37 @@
+"""A name beside which something else is wrong that nothing explains."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from test_diagnosis_pairs import pair, unexplained_by
+
+from veo_ti.diagnosis import run
+from veo_ti.diagnosis.verdict import Verdict, named
+
+
+def left_by(name: str, explained: float):
+    """A candidate that leaves clear misfit."""
+    found = pair(name, "y", 10).first
+    return replace(found, explained=explained, misfit=replace(found.misfit, energy=100.0))
+
+
+@pytest.mark.parametrize(
+    ("other", "second", "kind", "names"),
+    [
+        (0.96, "unexplained", "ambiguous", ["a", "b"]),  # nearly all as well: what else is wrong may be beside either
+        (0.94, "unexplained", "named", ["a"]),  # too little to be a name itself
+        (0.96, "no_misfit", "named", ["a"]),
+    ],
+)
+def test_what_explains_nearly_all_as_well_may_be_it(other, second, kind, names, monkeypatch):
+    """`a` explains more than `b`, which was not refitted at first."""
+    a, b = left_by("a", 0.99), left_by("b", other)
+    first = replace(unexplained_by(a), verdict=named(a))
+    start = SimpleNamespace(given=(), beside=None, modes=None)
+    more = replace(unexplained_by(), verdict=Verdict(kind=second, causes=(), sentence=""))
+    monkeypatch.setattr(run, "_second", lambda *given: more)
+    monkeypatch.setattr(run, "widened", lambda found, *given: replace(found, candidates=(a, b)))
+    monkeypatch.setattr(run, "two_at_once", lambda *given, but: None)  # no pair is found
+    verdict = run._rounds(first, start, [], str)[0].verdict
+    assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
