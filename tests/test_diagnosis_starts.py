@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from test_diagnosis_pairs import pair, unexplained_by
 
 from veo_ti.diagnosis import pairs
@@ -35,3 +36,13 @@ def test_no_further_start_is_tried_where_the_first_two_found_no_second_cause(mon
     monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
     assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
     assert asked == ["a", "b"]
+
+
+@pytest.mark.parametrize(("explained", "tried"), [((0.4, 0.35), ["a"]), ((0.6, 0.4), ["a"]), ((0.25, 0.2), [])])
+def test_where_none_explains_half_a_second_is_looked_for_beside_the_best_one(explained, tried, monkeypatch):
+    """Two that act against each other may each explain little alone."""
+    starts = [replace(pair(n, "y", 10).first, explained=e) for n, e in zip("ab", explained, strict=True)]
+    alone, nothing, asked = unexplained_by(*starts), unexplained_by(), []
+    monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
+    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
+    assert asked == tried

@@ -24,7 +24,8 @@ from veo_ti.diagnosis.verdict import (
 )
 
 _STARTS, _MOST = 2, 4  # causes that a second one is looked for beside; and with those that explain
-_ALIKE = 0.05  # less at most
+_ALIKE = 0.05  # less at most; or, where none explains half,
+_SOME = 0.3  # the one that explains most, and so much: two may hide each other
 _SURELY = 5.0  # times what counts, from which on a second cause is there wherever the first one is
 
 
@@ -69,14 +70,16 @@ def two_at_once(
     alone: a round that named none; narrower(refit): model and floor once that cause is part of it; again(refits):
     the round with further refits; but: no start, since a second one was looked for beside it before. Where a first
     cause only had to move, and beside it the second adds nothing, that round names it alone. A second cause is
-    looked for beside each of the two that explain most, at least half, and, if there is one, beside those that
-    explain nearly as much; both are refitted together. Then beside the second ones of the best pairs: the first one
-    may only imitate what goes with them. Beside one that explains nearly all it may be a shadow, and has to be as
-    sure as one beside a named cause. Where all pairs that come near have one cause in common, that one is named and
-    the second round is ambiguous; where each is one of some beside one of others, and the best explains all but
-    noise, both rounds are.
+    looked for beside each of the two that explain most, at least half (else beside the one that explains most),
+    and, if there is one, beside those that explain nearly as much; both are refitted together. Then beside the
+    second ones of the best pairs: the first one may only imitate what goes with them. Beside one that explains
+    nearly all it may be a shadow, and has to be as sure as one beside a named cause. Where all pairs that come near
+    have one cause in common, that one is named and the second round is ambiguous; where each is one of some beside
+    one of others, and the best explains all but noise, both rounds are.
     """
-    able = [c for c in alone.candidates if c.able and c.testable and c.explained > EXPLAINED and c.name != but]
+    able = [c for c in alone.candidates if c.able and c.testable and c.explained > _SOME and c.name != but]
+    able = sorted(able, key=lambda c: -c.explained)
+    able = [c for c in able if c.explained > EXPLAINED] or able[:1]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
 
@@ -94,7 +97,7 @@ def two_at_once(
             else:
                 lone.append(first)
 
-    starts = sorted(able, key=lambda c: -c.explained)[: _MOST if causes else 0]
+    starts = able[: _MOST if causes else 0]
     starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
     for n, start in enumerate(starts):
         if n < _STARTS or pairs or lone:
