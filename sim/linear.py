@@ -220,13 +220,15 @@ def _solved(layout: Layout, blocks: np.ndarray, columns: np.ndarray) -> np.ndarr
     factor = layout.roughly(blocks)
     if factor is None:
         return layout.indefinite(blocks).solve(columns)
+    size = np.abs(columns).max(axis=0)  # of right sides that single precision may not hold
+    columns = columns / np.where(size > 0, size, 1.0)
     found = factor.solve(columns)
     weights = 1 / np.maximum(np.linalg.norm(found, axis=0), 1e-300)
     one = found @ weights
     error = factor.solve(columns @ weights - layout.matrix(blocks) @ one)
-    if np.linalg.norm(error) <= _DIGITS * np.linalg.norm(one):
-        return found
-    return layout.factor(blocks).solve(columns)
+    if not np.linalg.norm(error) <= _DIGITS * np.linalg.norm(one):
+        found = layout.factor(blocks).solve(columns)
+    return found * size
 
 
 def _chunks(tangent: Tangent, size: int = 8) -> Iterator[slice]:

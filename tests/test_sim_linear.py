@@ -89,6 +89,16 @@ def test_direct_factors_are_the_inverse_for_one_and_for_many(tangent, exact, mon
     assert (factors.frames(np.array([1]))(right[1:]) == factors(right)[1:]).all()
 
 
+@pytest.mark.filterwarnings("error")
+def test_direct_solves_know_right_sides_of_any_size(tangent, exact):
+    """In single precision the smallest would be nothing and the largest infinite; one of several may be nothing."""
+    sizes = np.array([1e-70, 0.0, 1.0, 1e70])[:, None, None]
+    found = solve_directly(tangent, Layout.of(tangent.energy.elastic), sizes * right_side(tangent)[:, None])
+    assert not found[:, 1].any()
+    for k in (0, 2, 3):
+        assert sim_cases.relative(found[:, k] / sizes[k], exact) < 1e-5
+
+
 @dataclass(frozen=True)
 class Given:
     """What direct solves ask of a tangent, for given blocks (T, M, 3, 3)."""
