@@ -114,7 +114,7 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
         return _lower(free, here, 0.0, way, damping, 5)[1:]
 
     promised, damping = lower(0.0)
-    assert tried == pytest.approx([1.0, 1 / 1.01, 1 / 1.1, 1 / 2, 1 / 11])
+    assert tried == pytest.approx([1.0, 1 / 2, 1 / 11])  # a hundredth or tenth less would hardly be another step
     assert promised == pytest.approx(1 / 11 * (1 - 1 / 22)) and damping == 10.0
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])

@@ -18,7 +18,8 @@ _SHARE, _ROUGH = 1e-3, 1e-2  # of the cost, likewise; and where a rough fit will
 _STALLED = 0.5  # of that, less than which a step may not bring with fresh fingerprints
 _ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _CAUTION = 1.5  # largest change of log mu in one step
-_DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times
+_DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times; and
+_FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less is hardly shorter
 _TRIES = 5  # of a step, ever more damped; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
@@ -159,11 +160,12 @@ def _lower(
 ) -> tuple[tuple[Solved, float] | None, float, float]:
     """The least damped of a few steps that lowers the cost, or None; what it promised; the damping to begin with next.
 
-    That is the same where less was too little, else less: a step that leads to no equilibrium is slow to find out.
+    That is the same where less was too little, else less. A step that leads to no equilibrium is slow to find out: the
+    next one is clearly shorter.
     """
     n = len(state.coefficients)
     for k in range(tries):
-        step = way.damped(damping)
+        least, step = _DAMPED, way.damped(damping)
         step = step * problem.within(step, _CAUTION)
         theta = problem.stepped(state.theta, step[n:])
         if not problem.turned(theta, state.theta):
@@ -173,7 +175,8 @@ def _lower(
             if lower < cost:
                 less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
                 return (trial, lower), way.promised(step), damping if k else less
-        damping = max(_DAMPED, _MORE * damping)
+            least = _DAMPED if lower < np.inf else _FAR
+        damping = max(least, _MORE * damping)
     return None, 0.0, damping
 
 

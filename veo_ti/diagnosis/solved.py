@@ -19,7 +19,7 @@ _STILL = 0.1  # of the noise, by which the motion may still change between them,
 _NEAR = 0.3  # of that, for steps all frames at once
 _DEPTH = 4  # rounds that are mixed
 _FIRST, _CLOSE = 4, 5.0  # rounds at most before such steps, and times the change that ends all, that ends them
-_ROUGHLY = NewtonOptions(tolerance=1e-3, iterations=12)  # of each of these
+_ROUGHLY = NewtonOptions(tolerance=1e-3, iterations=8)  # of each of these
 NEWTON = NewtonOptions(tolerance=1e-5, iterations=12)
 
 
