@@ -38,7 +38,7 @@ def shuffled(seen: Observation) -> Observation:
     """With its points in another order."""
     points, forces = seen.points[:, ORDER], seen.forces[:, ORDER]
     by_point = {name: getattr(seen, name)[ORDER] for name in ("fixed", "surface", "volume")}
-    return replace(seen, points=points, forces=forces, **by_point, handles=None, observed=None)
+    return replace(seen, points=points, forces=forces, **by_point)
 
 
 def diagnosed(seen: Observation) -> Diagnosis:

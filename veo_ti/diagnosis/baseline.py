@@ -37,10 +37,10 @@ class Baseline:
 
     def beside(self, found: Refit) -> tuple[Model, float]:
         """The model, and the variance of the noise [m2], once a cause is part of it: what it explains was no noise."""
-        left, noise = measure_noise(found.left, self.modes), self.noise
-        less = replace(noise, correlation=min(noise.correlation, left.correlation))
+        left, noise = found.left, self.noise
+        less = replace(noise, correlation=min(noise.correlation, measure_noise(left, self.modes).correlation))
         prior = found.prior[: len(found.coefficients)]
-        return replace(self.model, s2=counted(found.left, less, self.modes), prior=prior), less.variance
+        return replace(self.model, s2=counted(left, less, self.modes), prior=prior), less.variance
 
     @classmethod
     def of(cls, identification: Identification, say: Progress) -> "Baseline":

@@ -108,9 +108,7 @@ def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progr
     return replace(found, experiment=separating(current.taken_in(), first, second, model, s2))
 
 
-def widened(
-    found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress
-) -> Round:  # fmt: skip
+def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress) -> Round:
     """A first look with those refitted, too, that were next and waited."""
     known = {c.name for c in found.candidates}
     waiting = [s for s in leaders_of(found.scores, TESTABLE)[1] if s.name not in known]

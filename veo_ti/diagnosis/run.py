@@ -109,9 +109,7 @@ def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Pro
     return told_apart(more, found.refit, model, more.s2, say)
 
 
-def _pair(
-    first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, but: str = ""
-) -> list[Round]:  # fmt: skip
+def _pair(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, but: str = "") -> list[Round]:
     """Two causes at once instead of what the first look found alone, or that look, which then names none."""
     none = replace(first, verdict=unexplained(first.verdict.causes[:1]), extended=None)
     alone = none if first.verdict.kind == "named" else first
