@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sim_cases
+from scipy.signal import lfilter
 
 from sim.basis import Basis, FitOptions
 from sim.lame import Lame
@@ -178,8 +179,19 @@ def test_noise_is_measured_beside_misfit_and_stray_points(scene, basis):
 def test_correlated_noise_is_counted_as_fewer_data(scene, basis):
     modes, random = basis.field.modes[:, :6], np.random.default_rng(1)
     smooth = np.einsum("ns,tsc->tnc", modes, random.normal(size=(FRAMES, 6, 3))) * NOISE / np.sqrt(6)
-    y = scene.target.y + scene.moving * smooth
-    assert measure_noise(replace(scene, target=replace(scene.target, y=y)), modes).correlation > 4
+    target = replace(scene.target, y=scene.target.y + scene.moving * smooth)
+    assert measure_noise(replace(scene, target=target), modes).correlation > 4
+
+
+def test_a_body_that_lags_does_not_pass_for_correlated_noise(scene, basis):
+    frames = np.arange(120)
+    load = np.sin(np.pi * frames / 24) ** 2 * np.take([1.0, 3, 1, 3, 3], frames // 24)  # nothing in every 24th frame
+    behind = 20 * (lfilter([0.15], [1, -0.85], load) - load)[:, None, None] * np.array([0, 1.0, 0])
+    noise = np.random.default_rng(3).normal(size=(120, scene.cloud.count, 3))
+    target = Target(y=scene.cloud.x + NOISE * (behind + noise), seen=np.ones(noise.shape[:2], bool))
+    long = replace(scene, y=np.repeat(scene.cloud.x[None], 120, axis=0), target=target, train=frames >= 0)
+    blown = long.under(load[:, None, None] * scene.forces.max(axis=0), None)
+    assert measure_noise(blown, basis.field.modes[:, :6]).correlation < 100  # 179 by unloaded frames alone
 
 
 def test_noise_that_lasts_goes_on_evenly_and_missing_physics_does_not(scene, basis):
@@ -220,10 +232,8 @@ def test_limits_of_a_measurement_are_said(scene):
 
     def told(frames, forces=None):
         forces = scene.forces[frames] if forces is None else forces
-        observation = replace(
-            scene.observation, points=scene.y[frames], forces=forces, time=0.1 * np.arange(len(frames)), jet=None,
-            observed=None,
-        )  # fmt: skip
+        time, other = 0.1 * np.arange(len(frames)), dict(jet=None, observed=None)
+        observation = replace(scene.observation, points=scene.y[frames], forces=forces, time=time, **other)
         part = Scene(
             observation=observation, energy=scene.energy, y=scene.y[frames], target=target_of(observation),
             train=np.arange(len(frames)) % 4 > 0,
@@ -233,9 +243,8 @@ def test_limits_of_a_measurement_are_said(scene):
     rest_again = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 1, 2])
     assert told(rest_again) == ""
     assert "No unloaded frame" in told(rest_again[:9])
-    one_level = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 1, 2])
     even = scene.forces / np.maximum(scene.total_force, 1e-300)[:, None, None]
-    assert "about the same load" in told(one_level, even[one_level])
+    assert "about the same load" in told(rest_again, even[rest_again])
     assert "alike" in told(np.array([0, 3, 3, 3, 3, 3, 3, 3, 0, 3, 3, 3]))
     assert "Only" in told(rest_again[[0, 1, 2, 3, 0, 5]])
     assert "names a force" in told(rest_again, 0 * scene.forces[rest_again])

@@ -14,6 +14,7 @@ _FEW = 5  # neighbours that it takes to say what they share
 _UNLOADED = 0.02  # of the largest load
 _RESTS = 3  # unloaded spells that it takes to compare them
 _LASTING = 0.6  # of the energy, that does not change over the frames: beyond it something stays, which noise does not
+_QUIETEST, _QUIET = 0.1, 2.0  # of the frames, and times their energy, which noise that goes on may have in the others
 _STRAY = 6.0  # local residual beyond which a point counts as an outlier, in standard deviations
 
 
@@ -76,7 +77,7 @@ def evenness(scene: Scene, modes: np.ndarray) -> float:
     if (projected.mean(axis=0) ** 2).sum() > _LASTING * energy.mean():
         return 0.0
     beyond = energy - 3 * _white(scene.target.sigma or 0.0, modes, scene.target.seen[frames]).sum(axis=1)
-    return max(float(np.quantile(beyond, 0.1) / max(beyond.mean(), 1e-300)), 0.0)
+    return max(float(np.quantile(beyond, _QUIETEST) / max(beyond.mean(), 1e-300)), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,7 +139,8 @@ def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarra
     """Energy of what cannot be elastic in the residual's smooth spatial modes over that of white noise, at least 1.
 
     That is its part that is rough in time, and the difference between unloaded frames with loads between them, which
-    shows noise that is slow in time too; of those the lower quartile, since a permanent set differs as well.
+    shows noise that is slow in time too; of those the lower quartile, since a permanent set differs as well. No more
+    than the quietest frames hold: a body that lags is not back in an unloaded frame, and moves roughly.
     """
     frames = np.flatnonzero(scene.train & scene.target.seen.any(axis=1))
     if len(frames) < 5:
@@ -157,7 +159,9 @@ def _correlation(scene: Scene, modes: np.ndarray, sigma: float, stray: np.ndarra
         change = projected[first[1:]] - projected[first[:-1]]
         expected = 3 * (white[first[1:]] + white[first[:-1]])
         found.append(float(np.quantile((change**2).sum(axis=(1, 2)) / expected.sum(axis=1), 0.25)))
-    return max(found)
+    energy = (projected**2).sum(axis=(1, 2)) / (3 * white.sum(axis=1))
+    quiet = float(np.quantile(energy[frames > 0], _QUIETEST))  # the reference is taken as it was seen
+    return max(1.0, min(max(found), _QUIET * quiet))
 
 
 def _white(sigma: float, modes: np.ndarray, seen: np.ndarray) -> np.ndarray:

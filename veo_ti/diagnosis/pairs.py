@@ -24,8 +24,8 @@ from veo_ti.diagnosis.verdict import (
 )
 
 _STARTS, _MOST = 2, 4  # causes that a second one is looked for beside; and with those that explain
-_ALIKE = 0.05  # less at most; or, where none explains half,
-_SOME = 0.3  # the one that explains most, and so much: two may hide each other
+_ALIKE = 0.05  # less at most; a share of half is no sharp bound for two that each do half;
+_SOME = 0.3  # and where none explains half, so much has to be: two may hide each other
 _SURELY = 5.0  # times what counts, from which on a second cause is there wherever the first one is
 
 
@@ -70,7 +70,7 @@ def two_at_once(
     alone: a round that named none; narrower(refit): model and floor once that cause is part of it; again(refits):
     the round with further refits; but: no start, since a second one was looked for beside it before. Where a first
     cause only had to move, and beside it the second adds nothing, that round names it alone. A second cause is
-    looked for beside each of the two that explain most, at least half (else beside the one that explains most),
+    looked for beside each of the two that explain most, at least half (else as much as the one that explains most),
     and, if there is one, beside those that explain nearly as much; both are refitted together. Then beside the
     second ones of the best pairs: the first one may only imitate what goes with them. Beside one that explains
     nearly all it may be a shadow, and has to be as sure as one beside a named cause. Where all pairs that come near
@@ -79,7 +79,7 @@ def two_at_once(
     """
     able = [c for c in alone.candidates if c.able and c.testable and c.explained > _SOME and c.name != but]
     able = sorted(able, key=lambda c: -c.explained)
-    able = [c for c in able if c.explained > EXPLAINED] or able[:1]
+    able = [c for c in able if c.explained > min(EXPLAINED, able[0].explained - _ALIKE)]
     pairs: list[_Pair] = []
     lone: list[Refit] = []
 
