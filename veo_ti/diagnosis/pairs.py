@@ -12,6 +12,7 @@ from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, told_apart
 from veo_ti.diagnosis.verdict import (
     BETTER,
+    CHANCE,
     CLEAN,
     EXPLAINED,
     TOGETHER,
@@ -58,7 +59,8 @@ class _Pair:
     def part(self, name: str) -> Candidate:
         """The one of that name, with the parameters that both have together."""
         chosen = self.first if self.first.name == name else self.second
-        return replace(chosen, refit=next(r for r in self.second.refit.apart() if r.cause.name == name))
+        own = next(r for r in self.second.refit.apart() if r.cause.name == name)
+        return replace(chosen, refit=own, coincidence=own.cause.coincidence(own.scene, own.theta))
 
 
 def two_at_once(
@@ -74,8 +76,8 @@ def two_at_once(
     and, if there is one, beside those that explain nearly as much; both are refitted together. Then beside the
     second ones of the best pairs: the first one may only imitate what goes with them. Beside one that explains
     nearly all it may be a shadow, and has to be as sure as one beside a named cause. Where all pairs that come near
-    have one cause in common, that one is named and the second round is ambiguous; where each is one of some beside
-    one of others, and the best explains all but noise, both rounds are.
+    have one cause in common, that one is named and the second round is ambiguous, unless only one of the others obeys
+    a law; where each is one of some beside one of others, and the best explains all but noise, both rounds are.
     """
     able = [c for c in alone.candidates if c.able and c.testable and c.explained > _SOME and c.name != but]
     able = sorted(able, key=lambda c: -c.explained)
@@ -110,14 +112,24 @@ def two_at_once(
     near = _near(pairs)
     if not near or not near[0].second.settled:
         return None
-    if len(near) == 1:
-        best = near[0]
+    best = near[0] if len(near) == 1 else _lawful(near)
+    if best:
         return (
             replace(alone, verdict=named(best.first), extended=best.first.refit),
             replace(best.found, verdict=named(best.second), extended=best.second.refit),
         )
     sides = _sides(near)
     return _each_of(alone, near, *sides, say) if sides else None
+
+
+def _lawful(near: Sequence[_Pair]) -> _Pair | None:
+    """Of pairs that have one cause in common, the only one whose other cause obeys a law of its parameters as others
+    would by chance alone; None where there is no such one."""
+    common = frozenset.intersection(*(p.names for p in near))
+    if len(common) != 1:
+        return None
+    told = [p for p in near if p.second.settled and p.part(*(p.names - common)).coincidence < CHANCE]
+    return told[0] if len(told) == 1 else None
 
 
 def _sides(near: Sequence[_Pair]) -> tuple[list[str], list[str]] | None:
