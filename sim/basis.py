@@ -11,6 +11,9 @@ from sim.lame import Lame
 from sim.newton import NewtonOptions
 from sim.prior import FieldModes
 
+_LENGTHS = (1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the object's longest side, over which its stiffness may vary
+_AMPLITUDES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # standard deviations of log mu
+
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
@@ -79,6 +82,13 @@ class Basis:
         soft = amplitude**2 * spectrum[1 : self.options.modes + 1]
         ratio = self.options.ratio_field_sd**2 * spectrum[1 : self.options.ratio_modes + 1]
         return np.maximum(np.concatenate([[self.options.mean_sd**2, self.options.ratio_sd**2], soft, ratio]), 1e-12)
+
+    def priors(self) -> list[np.ndarray]:
+        """Prior variances (K,) of a range of lengths and amplitudes; none for a homogeneous object."""
+        if not self.options.modes:
+            return []
+        lengths = sorted({max(share * self.size, 2 * self.spacing) for share in _LENGTHS})
+        return [self.prior(length, amplitude) for length in lengths for amplitude in _AMPLITUDES]
 
     def lame(self, a: np.ndarray) -> Lame:
         """The material of coefficients a."""

@@ -88,6 +88,26 @@ def _means_without_each(parts: Sequence[Normal], prior: np.ndarray, sigma: float
     return np.array([posterior(rest, prior, sigma).mean for rest in rests])
 
 
+def spread(parts: Sequence[Normal], priors: Sequence[np.ndarray], sigma: float, rows: np.ndarray) -> np.ndarray:
+    """Standard deviation (N,) of rows r (N, K) of the coefficients, about their mean under the first of several priors.
+
+    `sd^2 = sum_k w_k (r C_k r^T + (r (mean_k - mean_0))^2) / sum_k w_k`: which prior holds is not known either. One
+    that predicts parts left out worse than the best does, by n standard errors of the difference over the parts, has
+    `w = exp(-n)`. Why the evidence does not weigh them: see `_smoothest`.
+    """
+    whole = Normal.sum(parts)
+    found = [posterior(whole, prior, sigma) for prior in priors]
+    variance = np.array([((rows @ p.covariance) * rows).sum(axis=1) for p in found])
+    if len(parts) < 2:
+        return np.sqrt(variance[0])
+    errors = np.array([left_out(parts, prior, sigma) for prior in priors])
+    worse = errors - errors[errors.sum(axis=1).argmin()]
+    doubt = np.sqrt(len(parts)) * worse.std(axis=1, ddof=1)
+    weights = np.exp(-worse.sum(axis=1) / np.maximum(doubt, 1e-300))
+    apart = np.array([rows @ (p.mean - found[0].mean) for p in found])
+    return np.sqrt(weights @ (variance + apart**2) / weights.sum())
+
+
 def independent(parts: Sequence[Normal], prior: np.ndarray, sigma: float, least: float) -> float:
     """How many residuals make one independent one, at least `least`, from how far parts of the data pull apart.
 

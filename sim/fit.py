@@ -9,7 +9,7 @@ from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
 from sim.checks import require
 from sim.energy import Energy
-from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior
+from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior, spread
 from sim.lame import Lame
 from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, NewtonOptions, equilibrate
@@ -41,7 +41,7 @@ class Fit:
     lame: Lame
     state: FitState
     equilibrium: Equilibrium
-    log_mu_sd: np.ndarray  # (N,) posterior standard deviation of log mu; see `sim.evidence.independent`
+    log_mu_sd: np.ndarray  # (N,) standard deviation of log mu, the prior unknown too; see `sim.evidence.spread`
     determined: np.ndarray  # (N,) 0: only the prior speaks, 1: only the data; see `_determined`
     mean_sd: float  # posterior standard deviation of the mean of log mu
     centre: float  # log mu where the coefficients vanish
@@ -183,14 +183,15 @@ def _result(
 ) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
-    prior = basis.prior(state.length, state.amplitude)
-    normal = Normal.sum(_counted(target, basis, state, frames)[0])
+    prior, parts = basis.prior(state.length, state.amplitude), _counted(target, basis, state, frames)[0]
+    normal = Normal.sum(parts)
     covariance = posterior(normal, prior, state.sigma).covariance
+    sd = spread(parts, [prior, *basis.priors()], state.sigma, basis.log_mu)
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
-        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.sqrt(_variance(basis, covariance)),
+        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=sd,
         determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])),
         centre=basis.centre, sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip

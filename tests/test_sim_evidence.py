@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.evidence import Normal, best_hyperparameters, in_parts, independent, jackknife, posterior
+from sim.evidence import Normal, best_hyperparameters, in_parts, independent, jackknife, posterior, spread
 
 PARTS, EACH = 8, 40
 PRIOR = np.full(3, 100.0)
@@ -100,6 +100,36 @@ def test_coefficients_that_only_single_parts_want_are_kept_small():
 
 def test_coefficients_that_all_parts_tell_are_found():
     assert 0.2 < chosen_amplitude(0.7, shared=0.0, parts=5) < 1.1
+
+
+def test_priors_count_by_how_well_they_predict_parts_left_out():
+    """One coefficient seen once in every part, under a prior that holds it at zero or none at all."""
+    z = np.array([1.0, -0.4, 0.8, 0.3])
+    parts = [Normal(A=np.eye(1), b=np.array([v]), c=v**2, count=1) for v in z]
+    free = np.array([(v - np.delete(z, i).mean()) ** 2 for i, v in enumerate(z)])
+    worse = z**2 - free if free.sum() < (z**2).sum() else free - z**2
+    less = np.exp(-worse.sum() / (2 * worse.std(ddof=1)))
+    held, told = (1.0, less) if free.sum() > (z**2).sum() else (less, 1.0)
+    priors, row = [np.full(1, 1e-9), np.full(1, 1e9)], np.ones((1, 1))
+    expected = told * (1 / 4 + z.mean() ** 2) / (held + told)
+    assert spread(parts, priors, 1.0, row)[0] ** 2 == pytest.approx(expected, rel=1e-6)
+    about_free = (held * z.mean() ** 2 + told / 4) / (held + told)
+    assert spread(parts, priors[::-1], 1.0, row)[0] ** 2 == pytest.approx(about_free, rel=1e-6)
+    assert spread(parts, priors[1:], 1.0, row)[0] ** 2 == pytest.approx(1 / 4)  # nothing to choose from
+    assert spread(parts[:1], priors[::-1], 1.0, row)[0] ** 2 == pytest.approx(1)  # nothing to leave out
+
+
+def test_intervals_hold_the_truth_where_the_first_prior_is_too_stiff():
+    rng, held = np.random.default_rng(4), []
+    priors = [np.full(12, amplitude**2) for amplitude in (0.1, 0.35, 0.7, 1.4)]
+    for _ in range(60):
+        a, J = 0.7 * rng.normal(size=12), rng.normal(size=(5, 8, 12))
+        z = J @ a + 2 * rng.normal(size=(5, 8))
+        parts = [Normal(A=j.T @ j, b=j.T @ y, c=float(y @ y), count=8) for j, y in zip(J, z, strict=True)]
+        off = np.abs(posterior(Normal.sum(parts), priors[0], 2.0).mean - a)
+        held.append([off < 1.96 * spread(parts, some, 2.0, np.eye(12)) for some in (priors[:1], priors)])
+    stiff, mixed = np.mean(held, axis=(0, 2))
+    assert stiff < 0.5 < 0.85 < mixed < 0.99
 
 
 def test_parts_hold_all_frames_and_know_about_equally_much():

@@ -16,9 +16,6 @@ from veo_ti.diagnosis.scene import Scene
 
 OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
 
-_LENGTHS = (1 / 16, 1 / 8, 1 / 4, 1 / 2)  # of the object's longest side, over which its stiffness may vary
-_AMPLITUDES = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)  # standard deviations of log mu
-
 
 def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
     """What a cause does at theta; nothing for none."""
@@ -45,11 +42,7 @@ class Model:
 
         normal: data linearised in all unknowns; prior: their variances, of which those of the material change.
         """
-        basis, K = self.basis, self.basis.log_mu.shape[1]
-        if not basis.options.modes:
-            return prior
-        lengths = [max(share * basis.size, 2 * basis.spacing) for share in _LENGTHS]
-        choices = [np.concatenate([basis.prior(length, a), prior[K:]]) for length in lengths for a in _AMPLITUDES]
+        choices = [np.concatenate([own, prior[len(own) :]]) for own in self.basis.priors()]
         return max([prior, *choices], key=lambda choice: posterior(normal, choice, np.sqrt(s2)).evidence)
 
 
