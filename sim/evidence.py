@@ -101,9 +101,8 @@ def spread(parts: Sequence[Normal], priors: Sequence[np.ndarray], sigma: float, 
     if len(parts) < 2:
         return np.sqrt(variance[0])
     errors = np.array([left_out(parts, prior, sigma) for prior in priors])
-    worse = errors - errors[errors.sum(axis=1).argmin()]
-    doubt = np.sqrt(len(parts)) * worse.std(axis=1, ddof=1)
-    weights = np.exp(-worse.sum(axis=1) / np.maximum(doubt, 1e-300))
+    worse, doubt = _worse(errors, int(errors.sum(axis=1).argmin()))
+    weights = np.exp(-worse / np.maximum(doubt, 1e-300))
     apart = np.array([rows @ (p.mean - found[0].mean) for p in found])
     return np.sqrt(weights @ (variance + apart**2) / weights.sum())
 
@@ -175,9 +174,15 @@ def _smoothest(parts: Sequence[Normal], basis: Any, choices: Sequence[_Choice], 
         return best
     plainer = [c for c in choices if c[0] >= best[0] and c[1] <= best[1]]
     errors = np.array([left_out(parts, basis.prior(*c), s) for *c, s in plainer])
-    worse = errors - errors[plainer.index(best)]
-    good = worse.sum(axis=1) <= np.sqrt(len(parts)) * worse.std(axis=1, ddof=1)
-    return min((c for c, well in zip(plainer, good, strict=True) if well), key=lambda c: (c[1], -c[0]))
+    worse, doubt = _worse(errors, plainer.index(best))
+    return min((c for c, well in zip(plainer, worse <= doubt, strict=True) if well), key=lambda c: (c[1], -c[0]))
+
+
+def _worse(errors: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray]:
+    """By how much more than `best` each of several choices errs (K,), and the standard error of that over the parts
+    that were left out; errors (K, B)."""
+    worse = errors - errors[best]
+    return worse.sum(axis=1), np.sqrt(errors.shape[1]) * worse.std(axis=1, ddof=1)
 
 
 def in_parts(frames: Sequence[Normal], most: int) -> list[Normal]:
