@@ -7,7 +7,7 @@ from benchmarks.fitting import fit_rows
 from benchmarks.growth import growth_rows
 from benchmarks.hessian import hessian_rows
 from benchmarks.iterate import check_rows, iterate_rows
-from benchmarks.linear import direct_rows, linear_rows
+from benchmarks.linear import direct_rows, linear_rows, many_frames_rows
 from benchmarks.table import publish, report
 
 _WORDS = (
@@ -20,6 +20,7 @@ FULL = {
     "Hessian product": lambda: hessian_rows(12000, 32, 7),
     "linear solve": lambda: linear_rows(10000, 32, 2),
     "many right sides": lambda: [*direct_rows(600, 90, 5), *direct_rows(1500, 90, 3), *direct_rows(5000, 90, 1)],
+    "many frames": lambda: [*many_frames_rows(600, 24, 5), *many_frames_rows(1500, 24, 5)],
     "warm solve and adjoint": lambda: iterate_rows(10000, 8),
     "adjoint against differences": lambda: check_rows(1000, 2),
     "fit and Adam": lambda: fit_rows(600, 6, 150),
@@ -29,6 +30,7 @@ QUICK = {
     "Hessian product": lambda: hessian_rows(600, 4, 3),
     "linear solve": lambda: linear_rows(600, 2, 1),
     "many right sides": lambda: direct_rows(300, 9, 1),
+    "many frames": lambda: many_frames_rows(300, 5, 1),
     "warm solve and adjoint": lambda: iterate_rows(600, 2),
     "adjoint against differences": lambda: check_rows(300, 1),
     "fit and Adam": lambda: fit_rows(300, 2, 8),

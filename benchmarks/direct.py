@@ -1,12 +1,13 @@
 """The direct peers: every frame's assembled Hessian factorised by CHOLMOD, where cvxopt is installed, or by SuperLU."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from sim.direct import DirectFactors, Layout
 from sim.energy import Energy, Tangent
-from sim.linear import DirectFactors, Layout, Preconditioner
+from sim.linear import Preconditioner
 from sim.runtime import serial_blas
 
 try:
@@ -84,7 +85,8 @@ class Superlu(_Fresh):
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
         """The inverse at the one frame of a tangent."""
         with serial_blas():
-            return DirectFactors(factors=(self.layout.indefinite(tangent.assembled(slice(0, 1))[0]),))
+            factor = self.layout.indefinite(tangent.assembled(slice(0, 1))[0])
+        return replace(DirectFactors.none(1, self.layout), other={0: factor})
 
 
 def best_direct(energy: Energy) -> tuple[str, Cholmod | Superlu]:

@@ -1,12 +1,15 @@
 """Linear systems beside direct peers: a Newton step's, all frames together to 1e-3; many right sides of one frame."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from benchmarks import scene
 from benchmarks.direct import Cholmod, Superlu, best_direct
 from benchmarks.table import Row, skipped
 from benchmarks.timing import interleaved, milliseconds, ratio
-from sim.linear import Layout, conjugate_gradients
+from sim.direct import DirectFactors, Layout
+from sim.linear import conjugate_gradients
 from sim.runtime import serial_blas
 from sim.solvers import LinearSolver
 
@@ -51,7 +54,7 @@ def direct_rows(points: int, columns: int, rounds: int) -> list[Row]:
         found["ours"] = layout.cholesky(blocks).solve(right)
 
     def single() -> None:
-        found["single"] = layout.roughly(blocks).solve(right)
+        found["single"] = layout.cholesky(blocks.astype(np.float32)).solve(right)
 
     def superlu() -> None:
         found["SuperLU"] = layout.indefinite(blocks).solve(right)
@@ -73,6 +76,40 @@ def direct_rows(points: int, columns: int, rounds: int) -> list[Row]:
             ("SuperLU over ours", "SuperLU", "ours"),
             ("ours in double over ours in single precision", "ours", "single"),
         )
+    ]
+
+
+def many_frames_rows(points: int, frames: int, rounds: int) -> list[Row]:
+    """Factors in single precision, made and applied on two threads: a few frames at once beside one after another."""
+    energy = scene.bar(points, frames)
+    tangent = energy.tangent(scene.twisted(energy, frames))
+    layout, right = Layout.of(energy.elastic), -energy.gradient(tangent.y)
+    blocks = tangent.assembled(slice(None)).astype(np.float32)
+    held = DirectFactors.of(tangent, layout)
+
+    def made(together: int) -> None:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(layout.cholesky, [blocks[t : t + together] for t in range(0, frames, together)]))
+
+    def applied_alone() -> None:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda factor, v: factor.solve(v.ravel()), held.factors, right))
+
+    jobs = {
+        "made together": lambda: made(4), "made alone": lambda: made(1),
+        "applied together": lambda: held(right), "applied alone": applied_alone,
+    }  # fmt: skip
+    with serial_blas():
+        seconds = interleaved(jobs, rounds)
+    what = f"Factors of {frames} frames, {len(right[0])} points, two threads: one frame at a time over several"
+    return [
+        Row(
+            what=f"{what}, {job}",
+            figure=f"{ratio(seconds[f'{job} alone'], seconds[f'{job} together']):.1f} x "
+            f"({milliseconds(seconds[f'{job} alone'] / frames)} a frame over "
+            f"{milliseconds(seconds[f'{job} together'] / frames)})",
+        )
+        for job in ("made", "applied")
     ]
 
 

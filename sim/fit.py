@@ -8,10 +8,10 @@ import numpy as np
 from sim.adjoint import gradient_check
 from sim.basis import Basis, FitOptions
 from sim.checks import require
+from sim.direct import Layout, solve_directly
 from sim.energy import Energy
 from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior, spread
 from sim.lame import Lame
-from sim.linear import Layout, solve_directly
 from sim.newton import Equilibrium, NewtonOptions, equilibrate
 from sim.sensitivity import sensitivities
 from sim.solvers import KeptSolver, Solver

@@ -1,205 +1,122 @@
 """Sparse Cholesky for many matrices on one pattern: dense fronts along a nested dissection of the points.
 
-George (1973) for the ordering, with the fewest points that separate (Pothen & Fan 1990), Duff and Reid (1983) for the
-fronts: each separator's unknowns are eliminated in one dense block, so that nearly all work is matrix products. The
-analysis is made once, by SuperLU for every matrix anew; SuperLU also forgets that the matrix is symmetric
-(docs/benchmarks.md compares). No library with a free licence and wheels does better: CHOLMOD's dense blocks are under
-the GPL.
+Each separator's unknowns are eliminated in one dense block, of several matrices at once, so that nearly all work is
+matrix products, which two threads do side by side: LAPACK's own steps would keep Python's lock. SuperLU forgets that
+the matrix is symmetric (docs/benchmarks.md compares). No library with a free licence and wheels does better: CHOLMOD's
+dense blocks are under the GPL.
 """
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.linalg import get_blas_funcs, get_lapack_funcs
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from sim.pattern import Pattern
+from sim.dissection import Dissection, Front, Runs
 
-_LEAF = 40  # points that are not dissected further
-_Runs = tuple[tuple[slice, slice], ...]  # rows of a child's rest, and of what they are added to
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Front:
-    """Points [first, last) of the elimination order, those after them that they reach, and what is summed in."""
-
-    first: int
-    last: int
-    above: np.ndarray  # (b,) elimination numbers, ascending
-    pair: np.ndarray  # pairs of the pattern that enter here, with their
-    row: np.ndarray  # place among own and above, and
-    column: np.ndarray  # place among own
-    children: tuple[tuple[int, _Runs, _Runs], ...]  # fronts whose rest enters here, and where: among own, above
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Dissection:
-    """The order in which points are eliminated, and the fronts, children before parents."""
-
-    order: np.ndarray  # (N,) points
-    fronts: tuple[_Front, ...]
-
-    @classmethod
-    def of(cls, pattern: Pattern, x: np.ndarray) -> "Dissection":
-        """Dissect the points x (N, 3) by the separators of the pattern's graph, halves first."""
-        N = len(x)
-        graph = sp.csr_matrix((np.ones(len(pattern.indices)), pattern.indices, pattern.indptr), shape=(N, N))
-        groups = list(_dissected(_along_a_curve(x), x, graph))
-        order = np.concatenate(groups)
-        number = np.empty(N, int)
-        number[order] = np.arange(N)
-        return cls(order=order, fronts=_fronts(groups, number, pattern))
-
-    def factor(self, blocks: np.ndarray) -> "Cholesky":
-        """The factor of the matrix of blocks (M, 3, 3), in their precision; LinAlgError where it is not positive
-        definite."""
-        (syrk,), (trtri,) = get_blas_funcs(("syrk",), (blocks,)), get_lapack_funcs(("trtri",), (blocks,))
-        parts: list[tuple[np.ndarray, np.ndarray]] = []
-        rests: dict[int, np.ndarray] = {}
-        for k, front in enumerate(self.fronts):
-            points, above = front.last - front.first, len(front.above)
-            own = 3 * points
-            panel = np.zeros((points + above, 3, points, 3), blocks.dtype)
-            panel[front.row, :, front.column] = blocks[front.pair]
-            panel = panel.reshape(-1, own)  # of its own block the lower triangle is what counts, as of the rest
-            rest = np.zeros((3 * above, 3 * above), blocks.dtype)
-            for child, within, beyond in front.children:
-                more = rests.pop(child)
-                _add_lower(panel[:own], more, within)
-                _add(panel[own:], more, beyond, within)
-                _add_lower(rest, more, beyond)
-            upper, _ = trtri(np.linalg.cholesky(panel[:own]).T)
-            low = panel[own:] @ upper
-            parts.append((upper, low))
-            if above:
-                syrk(-1.0, low.T, beta=1.0, c=rest.T, trans=1, overwrite_c=1)  # rest -= low low^T, in place
-            rests[k] = rest
-        return Cholesky(dissection=self, parts=tuple(parts))
+_SMALL = 48  # unknowns of a block that is factorised at once, a larger one by halves
+_WIDE = 128  # unknowns of a band of rows: of a product with its own transpose only bands below the diagonal are made
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cholesky:
-    """L L^T of one matrix: per front the inverse of its own block of L^T, and the rows of L below it."""
+    """L L^T of several matrices, or of one, by the numbers of their parts (`Dissection.parts`)."""
 
     dissection: Dissection
-    parts: tuple[tuple[np.ndarray, np.ndarray], ...]
+    rows: np.ndarray  # (F, size), or (size,)
+
+    @classmethod
+    def of(cls, dissection: Dissection, blocks: np.ndarray) -> "Cholesky":
+        """Factorise matrices of blocks (F, M, 3, 3), or one (M, 3, 3), in their precision.
+
+        Raises LinAlgError where one is not positive definite.
+        """
+        rows = np.empty((*blocks.shape[:-3], dissection.size), blocks.dtype)
+        blocks = blocks.reshape(-1, *blocks.shape[-3:])
+        rests: dict[int, np.ndarray] = {}
+        for k, (front, part) in enumerate(zip(dissection.fronts, dissection.parts(np.atleast_2d(rows)), strict=True)):
+            rests[k] = _eliminated(front, blocks, rests, *part)
+        return cls(dissection=dissection, rows=rows)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """H^-1 right for right (3 N, K)."""
+        """H^-1 right for right (F, 3 N, K) or (F, 3 N); of one matrix without F."""
         order, fronts = self.dissection.order, self.dissection.fronts
-        x = right.reshape(len(order), 3, -1)[order].astype(self.parts[0][0].dtype, copy=False)
-        K = x.shape[2]
-        for front, (upper, low) in zip(fronts, self.parts, strict=True):
-            own = upper.T @ x[front.first : front.last].reshape(-1, K)
-            x[front.first : front.last] = own.reshape(-1, 3, K)
-            x[front.above] -= (low @ own).reshape(-1, 3, K)
-        for front, (upper, low) in zip(reversed(fronts), reversed(self.parts), strict=True):
-            own = x[front.first : front.last].reshape(-1, K) - low.T @ x[front.above].reshape(-1, K)
-            x[front.first : front.last] = (upper @ own).reshape(-1, 3, K)
-        result = np.empty_like(x, right.dtype)
-        result[order] = x
+        parts = self.dissection.parts(np.atleast_2d(self.rows))
+        F, N = self.rows.size // self.dissection.size, len(order)
+        points = np.ascontiguousarray(right.reshape(F, N, 3, -1)[:, order], self.rows.dtype)
+        K, x, points = points.shape[3], points.reshape(F, 3 * N, -1), points.reshape(F, N, -1)  # the same numbers
+        for front, (inverse, low) in zip(fronts, parts, strict=True):
+            own = inverse @ x[:, front.own]
+            x[:, front.own] = own
+            points[:, front.above] -= (low @ own).reshape(F, -1, 3 * K)
+        for front, (inverse, low) in zip(reversed(fronts), reversed(parts), strict=True):
+            own = x[:, front.own] - _turned(low) @ points[:, front.above].reshape(F, -1, K)
+            x[:, front.own] = _turned(inverse) @ own
+        result = np.empty((F, N, 3, K), right.dtype)
+        result[:, order] = x.reshape(result.shape)
         return result.reshape(right.shape)
 
 
-def _dissected(points: np.ndarray, x: np.ndarray, graph: sp.csr_matrix) -> Iterator[np.ndarray]:
-    """Groups of points in the order of their elimination: both halves, then what separates them."""
-    if len(points) <= _LEAF:
-        yield points
+def _eliminated(
+    front: Front, blocks: np.ndarray, rests: dict[int, np.ndarray], inverse: np.ndarray, low: np.ndarray
+) -> np.ndarray:
+    """Fill in the parts of a front, and return what it takes from those above it, of which the lower triangle counts;
+    the rests of its children are used up."""
+    own, points = inverse.shape[1], front.last - front.first
+    panel = np.zeros((len(blocks), points + len(front.above), 3, points, 3), blocks.dtype)
+    panel[:, front.row, :, front.column] = blocks[:, front.pair].swapaxes(0, 1)
+    panel = panel.reshape(len(blocks), -1, own)
+    for child, within, beyond in front.children:
+        _add_lower(panel, rests[child], within, np.subtract)
+        _add(panel[:, own:], rests[child], beyond, within, np.subtract)
+    _invert(panel[:, :own], inverse)
+    np.matmul(panel[:, own:], _turned(inverse), out=low)
+    rest = _squared(low)
+    for child, _, beyond in front.children:
+        _add_lower(rest, rests.pop(child), beyond, np.add)
+    return rest
+
+
+def _invert(block: np.ndarray, out: np.ndarray) -> None:
+    """The inverse of the Cholesky factor of blocks (F, n, n), of which the lower triangle counts.
+
+    By halves, since nearly all is then matrix products, which LAPACK's own way is not for so few unknowns.
+    """
+    n = block.shape[1]
+    if n <= _SMALL:
+        out[:] = np.linalg.inv(np.linalg.cholesky(block))
         return
-    left, right, between = min((_halves(points, x[points, a], graph) for a in range(3)), key=lambda cut: len(cut[2]))
-    if not len(left) or not len(right):
-        yield points
-        return
-    yield from _dissected(left, x, graph)
-    yield from _dissected(right, x, graph)
-    if len(between):
-        yield between
+    first, last = slice(n // 2), slice(n // 2, n)
+    head, tail = out[:, first, first], out[:, last, last]
+    _invert(block[:, first, first], head)
+    low = block[:, last, first] @ _turned(head)
+    _invert(block[:, last, last] - low @ _turned(low), tail)
+    out[:, last, first] = tail @ -(low @ head)
+    out[:, first, last] = 0.0
 
 
-def _halves(
-    points: np.ndarray, along: np.ndarray, graph: sp.csr_matrix
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The points in two halves along a coordinate, without the fewest that leave none of the one beside the other, and
-    these."""
-    lower = np.zeros(len(points), bool)
-    lower[np.argsort(along, kind="stable")[: len(points) // 2]] = True
-    between = np.zeros(len(points), bool)
-    between[lower], between[~lower] = _cover(graph[points[lower]][:, points[~lower]])
-    return points[lower & ~between], points[~lower & ~between], points[between]
+def _squared(low: np.ndarray) -> np.ndarray:
+    """low low^T on and below the diagonal; above it zero or the same."""
+    count = low.shape[1]
+    out = np.empty((len(low), count, count), low.dtype)
+    for begin in range(0, count, _WIDE):
+        end = min(begin + _WIDE, count)
+        np.matmul(low[:, begin:end], _turned(low)[:, :, :end], out=out[:, begin:end, :end])
+        out[:, begin:end, end:] = 0.0
+    return out
 
 
-def _cover(edges: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
-    """The fewest rows and columns that hold all edges between them (Konig's theorem): as many as can be matched."""
-    partner = maximum_bipartite_matching(edges, perm_type="column")
-    matched, before = partner >= 0, None
-    reached = ~matched  # rows, by alternating paths from those without a partner
-    while before is None or (reached != before).any():
-        before, columns = reached, edges.T @ reached.astype(float) > 0
-        reached = ~matched | columns[partner]
-    return matched & ~reached, columns
+def _turned(blocks: np.ndarray) -> np.ndarray:
+    return blocks.swapaxes(1, 2)
 
 
-def _add(whole: np.ndarray, rest: np.ndarray, down: _Runs, across: _Runs) -> None:
-    """Add rows and columns of a child's rest."""
+def _add(whole: np.ndarray, rest: np.ndarray, down: Runs, across: Runs, add: np.ufunc) -> None:
+    """Add rows and columns of a child's rest, or subtract them."""
     for rows, to_rows in down:
         for columns, to_columns in across:
-            whole[to_rows, to_columns] += rest[rows, columns]
+            part = whole[:, to_rows, to_columns]
+            add(part, rest[:, rows, columns], out=part)
 
 
-def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: _Runs) -> None:
-    """Add what lies on or below the diagonal of a child's rest."""
+def _add_lower(whole: np.ndarray, rest: np.ndarray, runs: Runs, add: np.ufunc) -> None:
+    """The same with what lies on or below the diagonal of a child's rest."""
     for i, run in enumerate(runs):
-        _add(whole, rest, (run,), runs[: i + 1])
-
-
-def _runs(places: np.ndarray, own: int) -> tuple[_Runs, _Runs]:
-    """Ascending places of points as runs of neighbouring coordinates: those among the first `own`, and beyond these."""
-    cuts = np.concatenate([[0], np.flatnonzero(np.diff(places) > 1) + 1, [len(places)]])
-    cuts = np.unique([*cuts, np.searchsorted(places, own)]).tolist()
-    within: list[tuple[slice, slice]] = []
-    beyond: list[tuple[slice, slice]] = []
-    for a, b in itertools.pairwise(cuts):
-        first = int(places[a])
-        runs, begin = (within, 3 * first) if first < own else (beyond, 3 * (first - own))
-        runs.append((slice(3 * a, 3 * b), slice(begin, begin + 3 * (b - a))))
-    return tuple(within), tuple(beyond)
-
-
-def _along_a_curve(x: np.ndarray) -> np.ndarray:
-    """The points' order along Morton's curve: what a half reaches of a separator then comes in few runs."""
-    cells = ((x - x.min(axis=0)) / max(float(np.ptp(x, axis=0).max()), 1e-300) * 1023).astype(np.int64)
-    bits = (cells[:, :, None] >> np.arange(10)) & 1
-    return np.argsort((bits << (3 * np.arange(10) + np.arange(3)[:, None])).sum(axis=(1, 2)), kind="stable")
-
-
-def _fronts(groups: list[np.ndarray], number: np.ndarray, pattern: Pattern) -> tuple[_Front, ...]:
-    """What enters each front and where: entries of the matrix by the earlier of their two points, rests by the first
-    point that they reach."""
-    ends = np.cumsum([len(group) for group in groups])
-    owner = np.repeat(np.arange(len(groups)), np.diff(ends, prepend=0))  # of an elimination number
-    row, column = number[pattern.rows], number[pattern.indices]
-    entering = np.flatnonzero(row >= column)
-    entering = entering[np.argsort(owner[column[entering]], kind="stable")]
-    starts = np.searchsorted(owner[column[entering]], np.arange(len(groups) + 1))
-    pending: list[list[tuple[int, np.ndarray]]] = [[] for _ in groups]
-    fronts = []
-    for k, last in enumerate(ends):
-        first, pair = last - len(groups[k]), entering[starts[k] : starts[k + 1]]
-        reached = np.unique(np.concatenate([row[pair], *(above for _, above in pending[k])]))
-        above = reached[reached >= last]
-        places = np.concatenate([np.arange(first, last), above])
-        fronts.append(
-            _Front(
-                first=first, last=last, above=above, pair=pair, row=np.searchsorted(places, row[pair]),
-                column=column[pair] - first,
-                children=tuple(
-                    (child, *_runs(np.searchsorted(places, reach), last - first)) for child, reach in pending[k]
-                ),
-            )
-        )  # fmt: skip
-        if len(above):
-            pending[owner[above[0]]].append((k, above))
-    return tuple(fronts)
+        _add(whole, rest, (run,), runs[: i + 1], add)

@@ -7,9 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
+from sim.direct import DirectFactors, Layout, solve_directly
 from sim.energy import Energy
 from sim.fixed_point import MixingOptions, fixed_point
-from sim.linear import DirectFactors, Layout, solve_directly
 from sim.multifrontal import Cholesky
 from sim.runtime import serial_blas
 

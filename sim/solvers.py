@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.checks import require
+from sim.direct import ROOM, DirectFactors, Layout
 from sim.energy import Energy, Tangent
-from sim.linear import ROOM, DirectFactors, Layout, Preconditioner
+from sim.linear import Preconditioner
 from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which a two-level preconditioner follows the state
@@ -69,7 +70,7 @@ class KeptSolver:
     """
 
     solver: LinearSolver
-    held: Preconditioner
+    held: Preconditioner | None  # where any was needed so far
     steps: np.ndarray  # (T,) of conjugate gradients, that each frame took last
 
     @classmethod
@@ -84,7 +85,7 @@ class KeptSolver:
         if frames > 1 and not (direct and frames * count <= ROOM):
             return LinearSolver.of(energy, linear)
         solver = replace(LinearSolver.of(energy, "direct" if direct else linear), exact=frames == 1)
-        return cls(solver=solver, held=DirectFactors.none(frames), steps=np.zeros(frames, int))
+        return cls(solver=solver, held=None, steps=np.zeros(frames, int))
 
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
         """A fresh one, which is not kept."""
@@ -104,7 +105,11 @@ class KeptSolver:
         stale = np.flatnonzero((self.steps[last.index] > _WORN) | ~last.positive)
         if len(stale):
             fresh = self.solver.preconditioner(_of_frames(stale, energy, tangent))
-            self.held = fresh if len(self.steps) == 1 else self.held.renewed(last.index[stale], fresh)
+            if len(stale) == len(self.steps):
+                self.held = fresh
+            else:
+                before = self.held or DirectFactors.none(len(self.steps), self.solver.layout)
+                self.held = before.renewed(last.index[stale], fresh)
             self.steps[last.index[stale]] = 0
         return last
 
@@ -123,7 +128,7 @@ class _Held:
     @property
     def positive(self) -> np.ndarray:
         """Of these (F,)."""
-        return self._own.positive
+        return np.zeros(len(self.index), bool) if self.kept.held is None else self._own.positive
 
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (F, N, 3)."""

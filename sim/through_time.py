@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.direct import DirectFactors, Layout
 from sim.energy import Energy
-from sim.linear import DirectFactors, Layout
 from sim.newton import Equilibrium, NewtonOptions, Status
 from sim.sensitivity import Past, answers_in_turn
 

@@ -8,9 +8,9 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from sim.checks import as_array, require
+from sim.direct import Layout
 from sim.elastic import Elastic
 from sim.energy import Energy
-from sim.linear import Layout
 from sim.runtime import serial_blas
 
 FINER = 4  # stretches between frames, in which a smooth course is followed

@@ -13,8 +13,8 @@ from benchmarks.table import Row, markdown, report, skipped
 from benchmarks.timing import interleaved, ratio
 from sim.adam import fit_adam
 from sim.basis import FitOptions
+from sim.direct import DirectFactors, Layout
 from sim.energy import Energy
-from sim.linear import DirectFactors, Layout
 from sim.newton import equilibrate
 
 FRAMES = 5  # not a multiple of the floor's eight, more than the slow peers' four

@@ -9,7 +9,8 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.problem import Problem
-from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.refit import _linearised, _shortened, _tried, _Way, refit
+from veo_ti.diagnosis.solved import solved
 
 MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
 
@@ -41,15 +42,34 @@ def test_what_is_shown_fits_as_well_as_the_motion_it_ended_at(alike):
     assert np.linalg.norm(both.extra[0].motion * counted) > 20 * without  # which a little of the part would spoil
 
 
-def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsewhere(scene, model):  # noqa: F811
-    """The data are of a material off its prior's mean: the first step tells how low a cost may be in reach."""
+@pytest.fixture(scope="module")
+def measured(scene, model):  # noqa: F811
+    """Data of a material off its prior's mean."""
     a = np.zeros(len(model.prior))
     a[MODE] = CHANGE * np.sqrt(model.prior[MODE])
     energy = scene.energy.with_elastic(model.basis.elastic(scene.energy.elastic, a))
     y = equilibrate(energy, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
     seen = y + NOISE * np.random.default_rng(0).normal(size=y.shape)
-    measured = replace(scene, target=replace(scene.target, y=seen))
-    start, rough = np.zeros(len(a)), replace(model, s2=NOISE**2)
+    return replace(scene, target=replace(scene.target, y=seen))
+
+
+def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F811
+    """Of twice the way that fingerprints tell; what is best there is found by trying."""
+    start = np.zeros(len(model.prior))
+    problem = Problem.of(measured, replace(model, s2=NOISE**2))
+    state = solved(problem, measured, start, np.zeros(0))
+    cost = problem.cost(state.scene, start, state.theta)
+    way = _Way.of(problem, _linearised(problem, state), state)
+    ends = {times: _tried(problem, state, cost, times * way.change, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
+    assert _shortened(problem, state, cost, way, way.change, ends[1.0]) is ends[1.0]
+    brought = cost - _shortened(problem, state, cost, way, 2 * way.change, ends[2.0])[1]
+    best = cost - min(end for _, end in ends.values())
+    assert brought > 0.9 * best > 5 * (cost - ends[2.0][1])
+
+
+def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsewhere(measured, model):  # noqa: F811
+    """The first step tells how low a cost may be in reach."""
+    start, rough = np.zeros(len(model.prior)), replace(model, s2=NOISE**2)
     found = refit(measured, rough, start)
     least = Problem.of(measured, rough).cost(found.scene, found.coefficients, found.theta)
     hopeless, possible = (refit(measured, rough, start, most=share * least) for share in (0.5, 2.0))

@@ -111,14 +111,16 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     way = _Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
 
     def lower(damping: float) -> tuple[float, float]:
-        return _lower(free, here, 0.0, way, damping, 5)[1:]
+        _, step, less = _lower(free, here, 0.0, way, damping, 5)
+        return float(step[0]), less
 
-    promised, damping = lower(0.0)
+    step, damping = lower(0.0)
     assert tried == pytest.approx([1.0, 1 / 2, 1 / 11])  # a hundredth or tenth less would hardly be another step
-    assert promised == pytest.approx(1 / 11 * (1 - 1 / 22)) and damping == 10.0
+    assert step == pytest.approx(1 / 11) and damping == 10.0
+    assert way.promised(np.array([step])) == pytest.approx(1 / 11 * (1 - 1 / 22))
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
     monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])
-    assert lower(0.0) == pytest.approx((0.5, 0.0))  # Newton's own step, as long as there always is one
+    assert lower(0.0) == pytest.approx((1.0, 0.0))  # Newton's own step, as long as there always is one
 
 
 def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):

@@ -125,7 +125,7 @@ def directions(elastic: Elastic, count: int = 3) -> np.ndarray:
 
 @pytest.mark.parametrize(("wrong", "close"), [(1e-3, 1e-4), (0.0, 1e-8)])  # in single precision, and in double
 def test_forward_sensitivities_agree_with_the_adjoint(energy, state, wrong, close, monkeypatch):
-    monkeypatch.setattr("sim.linear._DIGITS", wrong)
+    monkeypatch.setattr("sim.direct._DIGITS", wrong)
     slope, ways = loss(state)[1], directions(energy.elastic)
     forward = sum((S * s).sum(axis=(1, 2)) for S, s in zip(sensitivities(energy, state, ways), slope, strict=True))
     adjoint = (ways * implicit_gradient(energy, state, slope)).sum(axis=(1, 2))

@@ -6,10 +6,10 @@ import pytest
 import sim_cases
 
 from sim.cloud import CloudOptions, RestCloud
+from sim.direct import Layout
 from sim.elastic import Elastic, ElasticTangent
 from sim.lame import Lame
 from sim.laws.history import green_strain
-from sim.linear import Layout
 from sim.terms.material import ExtraLaw, Held
 
 F0 = np.array([[1.25, 0.3, -0.1], [-0.2, 0.9, 0.2], [0.1, -0.15, 1.1]])

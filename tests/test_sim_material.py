@@ -9,13 +9,13 @@ import sim_cases
 from sim_cases import relative, taylor_rate
 
 from sim.cloud import RestCloud
+from sim.direct import Layout
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.laws.extra import Fibre, GentStiffening, TensionCompression, VolumetricChange, YeohStiffening
 from sim.laws.history import green_strain
 from sim.laws.neo_hookean import NeoHookean
 from sim.laws.reference import LinearStress
-from sim.linear import Layout
 from sim.newton import NewtonOptions, equilibrate
 from sim.sensitivity import responses
 from sim.terms.loads import AppliedForce

@@ -7,8 +7,8 @@ from scipy.optimize import linprog
 from scipy.sparse.linalg import spsolve
 
 from sim.cloud import RestCloud
-from sim.linear import Layout
-from sim.multifrontal import Dissection, _cover
+from sim.direct import Layout
+from sim.dissection import Dissection, _cover
 from sim.pattern import Pattern
 
 RNG = np.random.default_rng(0)

@@ -8,9 +8,9 @@ import pytest
 import sim_cases
 
 from sim.cloud import RestCloud
+from sim.direct import DirectFactors, Layout
 from sim.energy import Energy
 from sim.laws.history import Memory, green_strain, largest, viscous
-from sim.linear import DirectFactors, Layout
 from sim.newton import NewtonOptions, Status, equilibrate
 from sim.recollection import Passing, Recollection
 from sim.sensitivity import Past

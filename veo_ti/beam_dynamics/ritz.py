@@ -7,10 +7,10 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 from scipy.sparse.linalg import eigsh, splu
 
+from sim.direct import Layout
 from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.lame import Lame
-from sim.linear import Layout
 from veo_ti.beam import DENSITY, BeamModel
 from veo_ti.body import MarkerTies
 

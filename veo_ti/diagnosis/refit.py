@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.direct import DirectFactors
 from sim.evidence import Normal, Posterior, jackknife, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model, Refit
@@ -23,6 +24,7 @@ _FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less
 _TRIES = 5  # of a step, ever more damped; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
+_PART = 0.8  # of a step, longer than which its best part is no other
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
 _PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
 _T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
@@ -55,17 +57,19 @@ def refit(
     problem = Problem.of(scene, model, cause, place)
     state, cost = _best_start(problem, scene, start, theta, shift, since)
     line, fresh, damping = _linearised(problem, state), True, 0.0
-    for step in range(_STEPS + 1):
+    for made in range(_STEPS + 1):
         way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
-        if way.gain < least or way.broken(cost) or step == _STEPS or cost - way.gain > most:
+        if way.gain < least or way.broken(cost) or made == _STEPS or cost - way.gain > most:
             break
-        smaller, promised, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
+        smaller, step, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
+        if smaller is not None and fresh:
+            smaller = _shortened(problem, state, cost, way, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
         stalled = brought < _STALLED * least
         if stalled and fresh:
             break
         state, cost = smaller or (state, cost)
-        fresh = stalled or brought < _KEPT * promised
+        fresh = stalled or brought < _KEPT * way.promised(step)
         if fresh:
             line = _linearised(problem, state)
     return _result(problem, state, cost, way, line)
@@ -117,7 +121,11 @@ class _Way:
 
     def promised(self, step: np.ndarray) -> float:
         """Nats by another step."""
-        return float(step @ self.curvature @ (self.change - step / 2))
+        return self.slope(step) - float(0.5 * step @ self.curvature @ step)
+
+    def slope(self, step: np.ndarray) -> float:
+        """Nats by it to first order."""
+        return float(step @ self.curvature @ self.change)
 
 
 def _linearised(problem: Problem, state: Solved) -> Line:
@@ -157,27 +165,49 @@ def _best_start(
 
 def _lower(
     problem: Problem, state: Solved, cost: float, way: _Way, damping: float, tries: int
-) -> tuple[tuple[Solved, float] | None, float, float]:
-    """The least damped of a few steps that lowers the cost, or None; what it promised; the damping to begin with next.
+) -> tuple[tuple[Solved, float] | None, np.ndarray, float]:
+    """Where the least damped of a few steps that lowers the cost leads, or None; the step; the damping to begin with
+    next.
 
     That is the same where less was too little, else less. A step that leads to no equilibrium is slow to find out: the
     next one is clearly shorter.
     """
-    n = len(state.coefficients)
     for k in range(tries):
-        least, step = _DAMPED, way.damped(damping)
+        step = way.damped(damping)
         step = step * problem.within(step, _CAUTION)
-        theta = problem.stepped(state.theta, step[n:])
-        if not problem.turned(theta, state.theta):
-            after = state.coefficients + step[:n]
-            trial = solved(problem, state.scene, after, theta, state.factors, most=_HOPELESS * cost)
-            lower = _cost(problem, trial)
-            if lower < cost:
-                less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
-                return (trial, lower), way.promised(step), damping if k else less
-            least = _DAMPED if lower < np.inf else _FAR
+        trial, lower = _tried(problem, state, cost, step, state.factors)
+        if lower < cost:
+            less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
+            return (trial, lower), step, damping if k else less
+        least = _FAR if trial is not None and lower == np.inf else _DAMPED
         damping = max(least, _MORE * damping)
-    return None, 0.0, damping
+    return None, step, damping
+
+
+def _shortened(
+    problem: Problem, state: Solved, cost: float, way: _Way, step: np.ndarray, whole: tuple[Solved, float]
+) -> tuple[Solved, float]:
+    """The whole step, or the part of it that a parabola through its slope and its end says to be best: where the cost
+    curves more than its fingerprints tell, the minimum lies well before the end, and further steps do the same again.
+    """
+    slope, brought = way.slope(step), cost - whole[1]
+    share = slope / (2 * (slope - brought))
+    if share > _PART or share * slope / 2 < brought + _LEAST:
+        return whole
+    trial, lower = _tried(problem, state, cost, share * step, whole[0].factors)
+    return (trial, lower) if lower < whole[1] else whole
+
+
+def _tried(
+    problem: Problem, state: Solved, cost: float, step: np.ndarray, factors: DirectFactors | None
+) -> tuple[Solved | None, float]:
+    """A step and its cost; none where it turns what must not turn."""
+    n = len(state.coefficients)
+    theta = problem.stepped(state.theta, step[n:])
+    if problem.turned(theta, state.theta):
+        return None, np.inf
+    trial = solved(problem, state.scene, state.coefficients + step[:n], theta, factors, most=_HOPELESS * cost)
+    return trial, _cost(problem, trial)
 
 
 def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line) -> Refit:

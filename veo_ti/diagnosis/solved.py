@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from sim.direct import ROOM, DirectFactors, Layout
 from sim.energy import Energy
-from sim.linear import ROOM, DirectFactors, Layout
 from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
 from sim.through_time import settle
