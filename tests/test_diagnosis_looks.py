@@ -1,5 +1,6 @@
 """How often a cause is refitted."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,8 @@ from veo_ti.diagnosis.placing import Spot
 @pytest.fixture
 def tried(monkeypatch):
     """Makes a cause that was tried at place 1 and leaves so much, where place 2 shows; later ones leave the next of
-    `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up."""
+    `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up; `tried.rough`: whether
+    they are rough."""
     found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0)
     found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
     model = SimpleNamespace(s2=2.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
@@ -23,12 +25,16 @@ def tried(monkeypatch):
         made.__dict__.update(known, spot=Spot(place=2, coefficients=0.0, theta=0.0))
         return made
 
-    def again(one: looks.Tried) -> looks.Tried:
+    def again(one: looks.Tried, enough: float = 0.0) -> looks.Tried:
         one.__dict__.update(known)
-        return looks.looked(one, 0.9, 0.0, None, str)
+        return looks.looked(one, 0.9, enough, None, str)
 
-    make.then, make.begun, make.again = [], [], again
-    monkeypatch.setattr(looks, "refit", lambda *given, **more: make.begun.append((more["place"], more["most"])))
+    def refit(*given, place, most, rough, **more) -> None:
+        make.begun.append((place, most))
+        make.rough.append(rough)
+
+    make.then, make.begun, make.rough, make.again = [], [], [], again
+    monkeypatch.setattr(looks, "refit", refit)
     monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: make(make.then.pop(0)))
     return make
 
@@ -50,6 +56,16 @@ def test_a_closer_look_that_leads_away_is_not_taken_and_not_repeated(then, taken
     assert tried.begun[1:] == [(1, np.inf)] and (after.left == then) == taken and after.stays
     if not taken:
         assert after.left == 1.0 and tried.again(after) is after
+
+
+@pytest.mark.parametrize(("left", "enough", "rough"), [(0.9, 5.0, True), (1.5, 5.0, False), (1.5, 1.0, True)])
+def test_a_fit_goes_to_its_end_where_little_is_left_and_no_longer_ever_less(left, enough, rough, tried):
+    """The last one was made for a variance of 2: a fit that left less than half of that is followed by another."""
+    tried.then = [1.0]
+    one = replace(tried(left), stays=True)
+    one.__dict__["spot"] = Spot(place=1, coefficients=0.0, theta=0.0)
+    tried.again(one, enough)
+    assert tried.rough == [rough]
 
 
 @pytest.mark.parametrize(("leaves", "asked", "left"), [

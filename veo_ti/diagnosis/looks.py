@@ -18,6 +18,7 @@ from veo_ti.diagnosis.score import Score
 
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
 LOOKS = 4  # at most that it gets; and
+_FALLING = 0.5  # of it, less than which it may leave still less; and
 _LOST = 1.5  # times the variance, which one at the same place may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
@@ -96,7 +97,8 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
     result, s2, spot = tried.tuned, tried.left, tried.spot
     cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
     moved = spot.place is not result.place  # places may be arrays
-    fine = s2 < enough and not moved  # where it stays
+    # To the end where it stays, and not while it goes on to leave far less: then another look follows.
+    fine = s2 < enough and not moved and s2 > _FALLING * tried.model.s2
     closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
     if not moved and not (closer and s2 < IN_REACH * least):
         return tried
