@@ -166,6 +166,7 @@ def test_each_of_a_pair_is_worth_its_name(single, first_sd, holds):
     first, second = candidate("a", 0.9), candidate("b", 0.93, apart=lambda: (joint, None))
     alone = SimpleNamespace(candidates=[candidate("c", single)])
     assert pairs._holds(first, second, alone) == holds
+    assert not pairs._holds(first, replace(second, certain=False), alone)
 
 
 def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811

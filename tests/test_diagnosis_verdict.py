@@ -26,7 +26,7 @@ def found(name: str, gained: float, explained: float, z: float = 3.0, predicted:
         refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
         settled=given.get("settled", True), plausible=given.get("plausible", True),
         coincidence=given.get("coincidence", 1.0), testable=given.get("testable", True),
-        like_noise=given.get("like_noise", False),
+        certain=given.get("certain", True), like_noise=given.get("like_noise", False),
     )  # fmt: skip
 
 
@@ -61,6 +61,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 400, 1.0, testable=False), found("b", 260, 1.0)], "ambiguous", ["b", "a"]),  # seed 2723
         ([found("a", 100, 0.95, testable=False), found("b", 250, 1.0)], "named", ["b"]),
         ([found("a", 400, 1.0, testable=False), found("b", 40, 0.3)], "unexplained", []),  # the material imitates a
+        ([found("a", 400, 1.0, certain=False), found("b", 260, 1.0)], "ambiguous", ["b", "a"]),
+        ([found("a", 400, 1.0, certain=False), found("b", 40, 0.3)], "unexplained", []),  # a may well be absent
         ([], "unexplained", []),
     ],
 )
@@ -82,6 +84,7 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
 def test_only_what_can_be_told_from_the_material_may_be_all_that_is_wrong():
     assert sufficient(found("a", 100, 0.92))
     assert not sufficient(found("a", 100, 0.92, testable=False))
+    assert not sufficient(found("a", 100, 0.92, certain=False))
     assert not sufficient(found("a", 100, 0.92, plausible=False)) and not sufficient(found("a", 100, 0.85))
 
 
@@ -122,3 +125,12 @@ def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
     one = SimpleNamespace(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
+
+
+@pytest.mark.parametrize(("theta", "certain"), [((3.0, 0.1), True), ((-1.9, 1.0), False), ((-2.0, 0.0), True)])
+def test_a_cause_is_certain_where_one_parameter_is_two_deviations_from_nothing(theta, certain):
+    """Of two causes the second one's own parameters count."""
+    last = SimpleNamespace(theta=np.array(theta), spread=np.ones(2))
+    first = SimpleNamespace(theta=np.full(1, 9.0), spread=np.ones(1))
+    assert Refit.certain.fget(SimpleNamespace(apart=lambda: (last,))) == certain
+    assert Refit.certain.fget(SimpleNamespace(apart=lambda: (first, last))) == certain

@@ -78,6 +78,12 @@ class Refit:
         shown = float(self.theta @ np.linalg.solve(self.covariance, self.theta))
         return np.hypot(self.sd, OURS * np.sqrt(shown * np.diagonal(self.covariance)))
 
+    @property
+    def certain(self) -> bool:
+        """Whether the 95 % interval of one parameter, of two causes of the second one's, leaves out that it is zero."""
+        own = self.apart()[-1]
+        return bool((np.abs(own.theta) > 1.96 * own.spread).any())
+
     def evidence(self, s2: float) -> float:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
         return posterior(self.normal, self.prior, np.sqrt(s2)).evidence

@@ -165,12 +165,12 @@ def _each_of(
 
 
 def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
-    """Whether a pair counts: each adds to the other, and what is wrong is explained.
+    """Whether a pair counts: each adds to the other, the second one is not absent, and what is wrong is explained.
 
     The first one has to be worth as much beside the second. Where some cause explains nearly all alone, testable or
     not, two may be its image, and have to explain nearly all that it leaves, or most of it and all but our own error.
     """
-    adds = second.able and _borne_out(second.refit.apart()[0]) > BETTER
+    adds = second.able and second.certain and _borne_out(second.refit.apart()[0]) > BETTER
     left = 1 - explained_by((first, second))
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
     if least is None:

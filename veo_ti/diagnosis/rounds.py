@@ -154,6 +154,6 @@ def _candidate(
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
-        coincidence=result.cause.coincidence(result.scene, result.theta),
+        coincidence=result.cause.coincidence(result.scene, result.theta), certain=result.certain,
         like_noise=Left.by(result.taken_in(), s2, noise, modes).like_noise,
     )  # fmt: skip

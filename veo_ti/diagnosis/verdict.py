@@ -37,6 +37,7 @@ class Candidate:
     settled: bool  # the refit came to an end, or near enough to it to be compared
     coincidence: float = 1.0  # how often another cause would obey the law of its parameters as nearly
     testable: bool = True  # a change of the material does not imitate it
+    certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
 
     @property
@@ -107,11 +108,11 @@ def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
 
 def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED) -> Verdict:
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several. What
-    is not testable is not named, but another is not either beside it."""
+    is not testable, or may well be absent, is not named, but another is not either beside it."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
-    accepted = sorted((c for c in able if c.settled and c.testable), key=lambda c: -c.sure)
+    accepted = sorted((c for c in able if c.settled and c.testable and c.certain), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
@@ -153,9 +154,9 @@ def stands(causes: Sequence[Candidate]) -> bool:
 
 
 def sufficient(candidate: Candidate) -> bool:
-    """Whether it may be all that is wrong: physics allows it, no change of the material imitates it, and it explains
-    enough."""
-    return candidate.plausible and candidate.testable and stands([candidate])
+    """Whether it may be all that is wrong: physics allows it, no change of the material imitates it, it is not absent,
+    and it explains enough."""
+    return candidate.plausible and candidate.testable and candidate.certain and stands([candidate])
 
 
 def explained_by(causes: Sequence[Candidate]) -> float:
