@@ -8,7 +8,7 @@ from benchmarks.growth import growth_rows
 from benchmarks.hessian import hessian_rows
 from benchmarks.iterate import check_rows, iterate_rows
 from benchmarks.linear import direct_rows, linear_rows, many_frames_rows
-from benchmarks.table import publish, report
+from benchmarks.table import chosen, publish, report
 
 _WORDS = (
     "How fast this simulator is beside other ways of computing the same. All peers took turns in this one run, so the "
@@ -46,10 +46,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the markdown here too")
     given = parser.parse_args()
     # Taichi compiles every kernel on its first use: once over the small bodies first keeps that out of the times.
-    only = [name for name in QUICK if not given.only or any(name.startswith(word) for word in given.only)]
-    for name in only:
-        QUICK[name]()
-    sections = {name: measure for name, measure in (QUICK if given.quick else FULL).items() if name in only}
+    for measure in chosen(QUICK, given.only).values():
+        measure()
+    sections = chosen(QUICK if given.quick else FULL, given.only)
     publish(report(_WORDS, sections, note=_SMALL if given.quick else ""), given.out)
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse.linalg import SuperLU
 
 from sim.direct import DirectFactors, Layout
 from sim.energy import Energy, Tangent
@@ -30,6 +31,10 @@ class _Fresh:
     ) -> Preconditioner:
         """A fresh one."""
         return self.preconditioner(tangent)
+
+    def frames(self, index: np.ndarray) -> Preconditioner:
+        """Itself: there is one frame."""
+        return self
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,10 +66,6 @@ class Cholmod(_Fresh):
             return DirectFactors.of(tangent, self.layout)
         return self
 
-    def frames(self, index: np.ndarray) -> "Cholmod":
-        """Itself: there is one frame."""
-        return self
-
     def __call__(self, right: np.ndarray) -> np.ndarray:
         x = matrix(right.reshape(-1, 1))
         cholmod.solve(self.factor, x)
@@ -73,9 +74,10 @@ class Cholmod(_Fresh):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Superlu(_Fresh):
-    """SuperLU, which analyses the pattern anew for every matrix."""
+    """SuperLU, which analyses the pattern anew for every matrix; its own preconditioner, of one frame."""
 
     layout: Layout
+    factor: SuperLU | None = None
 
     @classmethod
     def of(cls, energy: Energy) -> "Superlu":
@@ -85,8 +87,11 @@ class Superlu(_Fresh):
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
         """The inverse at the one frame of a tangent."""
         with serial_blas():
-            factor = self.layout.indefinite(tangent.assembled(slice(0, 1))[0])
-        return replace(DirectFactors.none(1, self.layout), other={0: factor})
+            return replace(self, factor=self.layout.indefinite(tangent.assembled(slice(0, 1))[0]))
+
+    def __call__(self, right: np.ndarray) -> np.ndarray:
+        with serial_blas():
+            return self.factor.solve(right.ravel()).reshape(right.shape)
 
 
 def best_direct(energy: Energy) -> tuple[str, Cholmod | Superlu]:

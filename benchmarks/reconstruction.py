@@ -19,7 +19,7 @@ from benchmarks.reconstruction_rows import (
     timed,
     truth_row,
 )
-from benchmarks.table import Row, publish, report
+from benchmarks.table import Row, chosen, publish, report
 from recon.radiance.device import use
 from recon.radiance.extraction import ExtractOptions, extract
 from recon.radiance.fields import FieldOptions
@@ -187,8 +187,7 @@ def main() -> None:
     use(given.device)
     with tempfile.TemporaryDirectory() as place:
         measured = sections(given.folder or Path(place), QUICK if given.quick else FULL)
-        wanted = {n: m for n, m in measured.items() if not given.only or any(n.startswith(w) for w in given.only)}
-        publish(report(_WORDS, wanted, note=_SMALL if given.quick else ""), given.out)
+        publish(report(_WORDS, chosen(measured, given.only), note=_SMALL if given.quick else ""), given.out)
 
 
 if __name__ == "__main__":

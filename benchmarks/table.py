@@ -37,6 +37,11 @@ def markdown(rows: Sequence[Row]) -> str:
     return "\n".join(lines + [f"| {r.what} | {r.figure} | {r.target} | {_ANSWER[r.reached]} |" for r in rows])
 
 
+def chosen(sections: Mapping[str, Callable], words: Sequence[str] | None) -> dict[str, Callable]:
+    """The sections whose names begin with one of the words; all without any."""
+    return {name: m for name, m in sections.items() if not words or any(name.startswith(word) for word in words)}
+
+
 def report(words: str, sections: Mapping[str, Callable[[], list[Row]]], *, note: str = "") -> str:
     """The sentences, the machine and the table; says on stderr what is being measured, and what came of it, so that
     nothing is lost where a later section fails."""

@@ -130,7 +130,8 @@ class DirectFactors:
     @property
     def positive(self) -> np.ndarray:
         """The frames (T,) whose tangent was positive definite."""
-        return np.array([isinstance(f, Cholesky) for f in self.factors], bool)
+        missing = [row for row, own in self.other.items() if not isinstance(own, Cholesky)]
+        return ~np.isin(self.index, missing)
 
     def renewed(self, frames: np.ndarray, fresh: "DirectFactors") -> "DirectFactors":
         """Those of some frames replaced, which are lost: the rows stay where they are."""
