@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from veo_ti.diagnosis.causes.loads import GravityDirection
+from veo_ti.diagnosis.causes.loads import GravityDirection, HiddenForce
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -37,22 +37,34 @@ def test_what_makes_gravity_stronger_or_weaker_is_no_tilt(change):
     assert GravityDirection().plausible(scene(scale_known=False), np.array(change), spread)  # or only up to scale
 
 
-def test_few_forces_are_by_chance_as_near_to_a_tilt_as_their_coincidence_says():
-    """A tilt, a little off: the share of forces as large, in any direction, that are no farther off."""
+def test_a_tilt_is_likelier_than_chance_by_what_strengths_of_gravity_forces_would_make():
+    """A tilt, a little off: against forces as large, in any direction, measured as well as it is."""
     change = Rotation.from_rotvec([0.5, 0.2, 0.0]).apply(GRAVITY) - GRAVITY + [0.0, 0.0, 0.15]
-    size = np.linalg.norm(change)
-    ways = np.random.default_rng(0).normal(size=(100_000, 3))
+    size, sd, rng = np.linalg.norm(change), 0.2, np.random.default_rng(0)
+    ways = rng.normal(size=(400_000, 3))
     forces = size * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    off = np.abs(np.linalg.norm(GRAVITY + forces, axis=1) - 9.81)
-    share = np.mean(off <= abs(np.linalg.norm(GRAVITY + change) - 9.81))
-    assert GravityDirection().coincidence(scene(), change) == pytest.approx(share, rel=0.05)
+
+    def off(change: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(GRAVITY + change, axis=-1) - 9.81
+
+    by_force, by_tilt = (np.abs(m + sd * rng.normal(size=len(ways)) - off(change)) < 0.02 for m in (off(forces), 0.0))
+    expected = by_force.mean() / by_tilt.mean()
+    assert expected < 0.1
+    assert GravityDirection().coincidence(scene(), change, np.full(3, sd)) == pytest.approx(expected, rel=0.07)
 
 
 def test_nothing_tells_a_tilt_from_a_level_force_or_where_gravity_is_not_known():
     slight = Rotation.from_rotvec([0.1, 0.0, 0.0]).apply(GRAVITY) - GRAVITY
     large = Rotation.from_rotvec([0.6, 0.0, 0.0]).apply(GRAVITY) - GRAVITY
-    assert GravityDirection().coincidence(scene(), large) < 1e-6
-    assert GravityDirection().coincidence(scene(), slight) == 1.0
-    assert GravityDirection().coincidence(scene(0 * GRAVITY), large) == 1.0
-    assert GravityDirection().coincidence(scene(scale_known=False), large) == 1.0
-    assert GravityDirection().coincidence(scene(), np.zeros(3)) == 1.0
+    well = np.full(3, 1e-3)
+    assert GravityDirection().coincidence(scene(), large, well) < 1e-3
+    assert GravityDirection().coincidence(scene(), large, 1e4 * well) == 1.0  # too little is known of it
+    assert GravityDirection().coincidence(scene(), large + 0.1, well) == 1.0  # it is none
+    assert GravityDirection().coincidence(scene(), slight, well) == 1.0
+    assert GravityDirection().coincidence(scene(0 * GRAVITY), large, well) == 1.0
+    assert GravityDirection().coincidence(scene(scale_known=False), large, well) == 1.0
+    assert GravityDirection().coincidence(scene(), np.zeros(3), well) == 1.0
+
+
+def test_only_a_cause_with_a_law_is_lawful():
+    assert GravityDirection().lawful and not HiddenForce().lawful

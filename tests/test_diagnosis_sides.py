@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from test_diagnosis_pairs import pair
 
@@ -45,8 +46,8 @@ def test_of_two_that_would_do_beside_another_the_one_that_obeys_a_law_is_told(na
         found = pair(*two, 200.0)
         chances = {name: 0.01 if name in lawful else 1.0 for name in two}
         parts = [
-            SimpleNamespace(cause=SimpleNamespace(name=n, coincidence=lambda scene, theta, n=n: chances[n]), scene=None,
-                            theta=None)
+            SimpleNamespace(cause=SimpleNamespace(name=n, coincidence=lambda scene, theta, spread, n=n: chances[n]),
+                            scene=None, theta=np.ones(1), spread=np.ones(1), worth=100.0)
             for n in two
         ]  # fmt: skip
         found.second.refit.apart = lambda: parts

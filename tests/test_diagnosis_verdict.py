@@ -71,6 +71,25 @@ def test_verdicts(candidates, kind, names):
     assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
 
 
+@pytest.mark.parametrize(
+    ("unlike", "kind", "names"),
+    [
+        (np.linspace(0, 1, 100), "named", ["a"]),  # one place in fifty looks like a, as nearly as shows
+        (np.linspace(0, 0.2, 100), "ambiguous", ["b", "a"]),  # one in ten
+        (np.array([0.5]), "ambiguous", ["b", "a"]),  # one place tells nothing of others
+    ],
+)
+def test_that_another_cause_acts_where_it_looks_like_this_one_is_a_coincidence(unlike, kind, names):
+    """Effects of 120 thousand nats, in which two parts in a hundred would show."""
+    a = replace(found("a", 120_000, 0.9999, z=1), unlike={"b": unlike[:, None]})
+    b = found("b", 120_010, 0.9999, z=1)
+    verdict = judge(WRONG, [a, b])
+    assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
+    assert judge(WRONG, [replace(a, unlike={"c": unlike[:, None]}), b]).kind == "ambiguous"  # that says nothing of b
+    leaving = replace(a, explained=0.99)  # two parts in ten would be no coincidence
+    assert judge(WRONG, [leaving, replace(b, explained=0.99)]).kind == "ambiguous"
+
+
 def test_one_name_stands_with_nine_tenths_and_two_need_more():
     part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
     assert stands([most]) and not stands([good])
@@ -115,15 +134,21 @@ def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
     assert not replace(shared, even=0.0).like_noise  # it stays as it is, or there are too few frames to see
 
 
+class Fitted(SimpleNamespace):
+    """Parameters and their covariance."""
+
+    worth = Refit.worth
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1.0])
 def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     """theta = (1, 0), seen a hundred times as well as what lies across it; of any scale. Alone it is 6 % of itself."""
     turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
-    both = SimpleNamespace(cause=None, theta=np.array([1.0, 0.0]), sd=np.zeros(2), covariance=scale * np.diag([1, 1e4]))
+    both = Fitted(cause=None, theta=np.array([1.0, 0.0]), sd=np.zeros(2), covariance=scale * np.diag([1, 1e4]))
     assert Refit.spread.fget(both) == pytest.approx([0.06, 6.0])
     both.theta, both.covariance = turn @ both.theta, turn @ both.covariance @ turn.T
     assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
-    one = SimpleNamespace(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
+    one = Fitted(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
 
 

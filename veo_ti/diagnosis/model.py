@@ -75,8 +75,12 @@ class Refit:
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        shown = float(self.theta @ np.linalg.solve(self.covariance, self.theta))
-        return np.hypot(self.sd, OURS * np.sqrt(shown * np.diagonal(self.covariance)))
+        return np.hypot(self.sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
+
+    @property
+    def worth(self) -> float:
+        """Nats that the parameters are worth, to second order: `theta^T C^-1 theta / 2`."""
+        return float(self.theta @ np.linalg.solve(self.covariance, self.theta)) / 2
 
     @property
     def certain(self) -> bool:

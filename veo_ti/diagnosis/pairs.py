@@ -60,7 +60,14 @@ class _Pair:
         """The one of that name, with the parameters that both have together."""
         chosen = self.first if self.first.name == name else self.second
         own = next(r for r in self.second.refit.apart() if r.cause.name == name)
-        return replace(chosen, refit=own, coincidence=own.cause.coincidence(own.scene, own.theta))
+        return replace(chosen, refit=own, coincidence=own.cause.coincidence(own.scene, own.theta, own.spread))
+
+    def chance(self, name: str, others: frozenset[str]) -> float:
+        """Bayes' factor of one of others against the one of that name, beside the other one of the two."""
+        own = self.part(name)
+        there = self.first.explained if own.name == self.first.name else 1 - self.first.explained
+        left = (1 - explained_by((self.first, self.second))) / there
+        return own.chance(others - self.names, left, own.refit.worth)
 
 
 def two_at_once(
@@ -128,7 +135,8 @@ def _lawful(near: Sequence[_Pair]) -> _Pair | None:
     common = frozenset.intersection(*(p.names for p in near))
     if len(common) != 1:
         return None
-    told = [p for p in near if p.second.settled and p.part(*(p.names - common)).coincidence < CHANCE]
+    others = frozenset.union(*(p.names for p in near)) - common
+    told = [p for p in near if p.second.settled and p.chance(*(p.names - common), others) < CHANCE]
     return told[0] if len(told) == 1 else None
 
 

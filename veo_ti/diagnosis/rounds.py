@@ -137,8 +137,9 @@ def _candidates(
     model = replace(model, s2=min([floor, *(noise.variance for noise in each)]))
     before = statistics_of(current, model, modes).misfit()
     found = [_candidate(r, current, model, s2, n.local, modes, before) for r, n in zip(tried, each, strict=True)]
-    imitated = {s.name for s in scores if s.keep <= TESTABLE}
-    return sorted((replace(c, testable=c.name not in imitated) for c in found), key=lambda c: -c.gained)
+    imitated, unlike = {s.name for s in scores if s.keep <= TESTABLE}, {s.name: s.unlike for s in scores}
+    found = [replace(c, testable=c.name not in imitated, unlike=unlike.get(c.name, {})) for c in found]
+    return sorted(found, key=lambda c: -c.gained)
 
 
 def _candidate(
@@ -154,6 +155,6 @@ def _candidate(
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
-        coincidence=result.cause.coincidence(result.scene, result.theta), certain=result.certain,
+        coincidence=result.cause.coincidence(result.scene, result.theta, result.spread), certain=result.certain,
         like_noise=Left.by(result.taken_in(), s2, noise, modes).like_noise,
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Scores: how much of the misfit each cause's fingerprint explains beyond what the nuisances can."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.moments import Along, Moments, moments, moments_of
 from veo_ti.diagnosis.visible import surely_visible
 
+_WAYS = 64  # directions of a cause's parameters, evenly spread
 _SURE = 4.3  # standard deviations: 3 for a false alarm in 700, 1.3 for nine in ten
 
 
@@ -54,11 +55,26 @@ class Statistics:
 
         `w^T V_wo V_oo^-1 V_ow w / w^T V_ww w` at one's parameters w.
         """
-        V = self.inner(other.columns, other.columns)
+        done, whole = self._imitated(other.columns, one.columns), self.inner(one.columns, one.columns)
+        return float(one.theta @ done @ one.theta / max(one.theta @ whole @ one.theta, 1e-300))
+
+    def unlike(self, own: np.ndarray, others: np.ndarray, widths: np.ndarray) -> np.ndarray:
+        """How far what others do beyond the nuisances is from all that directions `own` can do, to first order.
+
+        The sine of the angle between the two, (P, n) for another cause's columns (P, d) at P places and n directions
+        of its parameters, evenly spread in units of their widths (d,).
+        """
+        ways = widths * np.random.default_rng(0).normal(size=(_WAYS, len(widths)))
+        forms = [(self._imitated(own, columns), self.inner(columns, columns)) for columns in others]
+        done, whole = np.einsum("ni,pfij,nj->fpn", ways, np.array(forms), ways)
+        return np.sqrt(np.clip(1 - done / np.maximum(whole, 1e-300), 0.0, 1.0))
+
+    def _imitated(self, by: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """`V_cb V_bb^-1 V_bc`: what of other columns directions `by` can do."""
+        V, C = self.inner(by, by), self.inner(by, columns)
         units = 1 / np.sqrt(np.maximum(np.diagonal(V), 1e-300))
-        done = units * (self.inner(other.columns, one.columns) @ one.theta)
-        whole = one.theta @ self.inner(one.columns, one.columns) @ one.theta
-        return float(done @ np.linalg.pinv(units[:, None] * V * units, hermitian=True) @ done / max(whole, 1e-300))
+        C = units[:, None] * C
+        return C.T @ np.linalg.pinv(units[:, None] * V * units, hermitian=True) @ C
 
     @property
     def smooth(self) -> slice:
@@ -131,6 +147,7 @@ class Score:
     detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
     nuisances: np.ndarray  # (n,) the most probable ones beside theta
     columns: np.ndarray  # (d,) of its directions in the statistics it was made by
+    unlike: Mapping[str, np.ndarray] = field(default_factory=dict)  # of a lawful cause, how far others are from it
 
     @property
     def name(self) -> str:
@@ -205,6 +222,13 @@ def scores_of(
         score(statistics, noise, cause, cause.widths(scene), places, columns + found.nuisances, least)
         for cause, places, columns in table
     ]
+    scores = [
+        replace(s, unlike={
+            cause.name: statistics.unlike(s.columns, columns + found.nuisances, cause.widths(scene))
+            for cause, _, columns in table if cause is not s.cause
+        }) if s.cause.lawful else s
+        for s in scores
+    ]  # fmt: skip
     return statistics, tuple(sorted(scores, key=lambda s: -s.log_bayes))
 
 

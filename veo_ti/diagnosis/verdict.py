@@ -1,8 +1,10 @@
 """The verdict: what the scores and the refits allow to be said, with the thresholds in one place."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from veo_ti.diagnosis.model import OURS, Refit
 from veo_ti.diagnosis.score import Misfit
@@ -35,7 +37,8 @@ class Candidate:
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
     settled: bool  # the refit came to an end, or near enough to it to be compared
-    coincidence: float = 1.0  # how often another cause would obey the law of its parameters as nearly
+    coincidence: float = 1.0  # how much likelier the law of its parameters makes them than chance does, inverted
+    unlike: Mapping[str, np.ndarray] = field(default_factory=dict)  # how far others are from it, at P places, (P, n)
     testable: bool = True  # a change of the material does not imitate it
     certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
@@ -59,6 +62,16 @@ class Candidate:
     def name(self) -> str:
         """The cause's name."""
         return self.refit.cause.name
+
+    def chance(self, others: Iterable[str], left: float, nats: float) -> float:
+        """Bayes' factor of one of others against this one, which explains all but the share `left` of `nats`.
+
+        Another one has to obey the law of this one's parameters, and to act where and how this one can imitate it: as
+        nearly as it explains what was seen, or as would be seen. That this one explains so much is then a coincidence.
+        """
+        near = 2 * np.sqrt(max(left, SURE / max(nats, 1e-300)))
+        there = (self.unlike[n] for n in others if n in self.unlike)
+        return self.coincidence * max(((1 + (u < near).mean() * len(u)) / (1 + len(u)) for u in there), default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +132,11 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     near = rivals(best, able)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
-    told = [c for c in (best, *near) if c in accepted and c.coincidence < CHANCE and c.explained > TOGETHER]
+    names = {c.name for c in (best, *near)}
+    told = [
+        c for c in (best, *near)
+        if c in accepted and c.explained > TOGETHER and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
+    ]  # fmt: skip
     if near and len(told) != 1:
         return either((best, *near))
     return named(told[0] if near else best)

@@ -136,9 +136,14 @@ class Cause:
         """Whether physics allows these parameters (d,), known to `spread` (d,)."""
         return bool((theta[self.positive] > 0).all())
 
-    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
-        """How often another cause that looks like this one would obey the law of its parameters as nearly by chance; 1
-        without such a law."""
+    @property
+    def lawful(self) -> bool:
+        """Whether its parameters obey a law that those of others would by chance only."""
+        return type(self).coincidence is not Cause.coincidence
+
+    def coincidence(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> float:
+        """How likely parameters (d,), known to `spread` (d,), are by chance, over how likely the law makes them, at
+        most 1; 1 without such a law."""
         return 1.0
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -96,9 +96,10 @@ class Beside(Cause):
         """Both are."""
         return all(cause.plausible(scene, theta[own], spread[own]) for cause, own in self.parts)
 
-    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
+    def coincidence(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> float:
         """Of the second one."""
-        return self.other.coincidence(scene, theta[self.parts[1][1]])
+        own = self.parts[1][1]
+        return self.other.coincidence(scene, theta[own], spread[own])
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Both ones'."""

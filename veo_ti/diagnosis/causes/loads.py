@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
@@ -94,23 +95,17 @@ class GravityDirection(Cause):
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""
-        if not _known(scene):
-            return True
-        tilted = scene.observation.gravity + theta
-        across = tilted / max(float(np.linalg.norm(tilted)), 1e-300)
-        return abs(_stronger(scene, theta)) < _TILT * float(np.linalg.norm(spread * across))
+        return not _known(scene) or abs(_stronger(scene, theta)) < _TILT * _strength_known(scene, theta, spread)
 
-    def coincidence(self, scene: Scene, theta: np.ndarray) -> float:
-        """Of forces in any direction, the share that leaves gravity as strong as nearly; 1 where a level force would.
-
-        Their parts along a line are evenly spread, so it is `| |g + a| - |g| | / |a|`. A tilt by little is a level
-        force.
-        """
+    def coincidence(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> float:
+        """Bayes' factor of a force in any direction, of which one as large would make gravity stronger by up to its own
+        size, evenly spread, against a tilt, which leaves it as it was, to what is known of it; 1 where a level force
+        would, as a tilt by little is one."""
         g, size = scene.observation.gravity, float(np.linalg.norm(theta))
-        if not (_known(scene) and size > 0):
+        if not (_known(scene) and size > 0) or abs(float(theta @ g)) <= _LEVEL * size * float(np.linalg.norm(g)):
             return 1.0
-        slope = abs(float(theta @ g)) / (size * float(np.linalg.norm(g)))
-        return min(abs(_stronger(scene, theta)) / size, 1.0) if slope > _LEVEL else 1.0
+        lawful = float(norm.pdf(_stronger(scene, theta), scale=_strength_known(scene, theta, spread)))
+        return min(0.5 / size / max(lawful, 1e-300), 1.0)
 
 
 def _known(scene: Scene) -> bool:
@@ -120,6 +115,12 @@ def _known(scene: Scene) -> bool:
 def _stronger(scene: Scene, theta: np.ndarray) -> float:
     g = scene.observation.gravity
     return float(np.linalg.norm(g + theta) - np.linalg.norm(g))
+
+
+def _strength_known(scene: Scene, theta: np.ndarray, spread: np.ndarray) -> float:
+    """The standard deviation of that."""
+    tilted = scene.observation.gravity + theta
+    return float(np.linalg.norm(spread * tilted / max(float(np.linalg.norm(tilted)), 1e-300)))
 
 
 def at_spot(scene: Scene, point: int) -> str:
