@@ -13,11 +13,13 @@ from sim.energy import Energy
 from sim.evidence import Normal, best_hyperparameters, design_effect, in_parts, independent, posterior, spread
 from sim.lame import Lame
 from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.resolution import changed_forces
 from sim.sensitivity import sensitivities
 from sim.solvers import KeptSolver, Solver
 from sim.target import Target
 
 _DIFFER = 0.05  # share of their square in which loads differ between frames, to be told by that
+_MOST = 0.2  # of the motion, that another discretisation may change
 _PARTS = 5  # of the frames, each left out in turn to see how well the others tell it
 
 
@@ -41,7 +43,8 @@ class Fit:
     lame: Lame
     state: FitState
     equilibrium: Equilibrium
-    log_mu_sd: np.ndarray  # (N,) standard deviation of log mu, the prior unknown too; see `sim.evidence.spread`
+    log_mu_sd: np.ndarray  # (N,) standard deviation of log mu, prior and discretisation unknown too; `evidence.spread`
+    resolution_sd: np.ndarray  # (N,) the part of it that the discretisation makes
     determined: np.ndarray  # (N,) 0: only the prior speaks, 1: only the data; see `_determined`
     mean_sd: float  # posterior standard deviation of the mean of log mu
     centre: float  # log mu where the coefficients vanish
@@ -78,7 +81,7 @@ def fit(
         state = _step(energy, target, basis, solver, state, frames)
         if progress is not None:
             progress(state)
-    return _result(energy, target, basis, solver, state, frames or normal_equations(energy, target, basis, state))
+    return _result(energy, target, basis, solver, state, frames)
 
 
 def guess_modulus(energy: Energy, target: Target, mu: float = 1e4) -> float:
@@ -179,22 +182,46 @@ def _counted(target: Target, basis: Basis, state: FitState, frames: list[Normal]
 
 
 def _result(
-    energy: Energy, target: Target, basis: Basis, solver: Solver, state: FitState, frames: list[Normal]
+    energy: Energy, target: Target, basis: Basis, solver: Solver, state: FitState, frames: list[Normal] | None
 ) -> Fit:
     lame = basis.lame(state.a)
     equilibrium = _solve(energy, lame, state.y, solver, basis.options.newton)
-    prior, parts = basis.prior(state.length, state.amplitude), _counted(target, basis, state, frames)[0]
-    normal = Normal.sum(parts)
+    wrong = None
+    if basis.options.modes:
+        frames, wrong = _with_resolution(energy, target, basis, state)
+    elif frames is None:
+        frames = normal_equations(energy, target, basis, state)
+    parts, factor = _counted(target, basis, state, frames)
+    prior, normal = basis.prior(state.length, state.amplitude), Normal.sum(parts)
     covariance = posterior(normal, prior, state.sigma).covariance
-    sd = spread(parts, [prior, *basis.priors()], state.sigma, basis.log_mu)
+    given = (parts, [prior, *basis.priors()], state.sigma, basis.log_mu)
+    alone, sd = spread(*given), spread(*given, None if wrong is None else wrong / factor)
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
         lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=sd,
-        determined=_determined(basis, normal, state.sigma), mean_sd=float(np.sqrt(covariance[0, 0])),
-        centre=basis.centre, sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
+        resolution_sd=np.sqrt(np.maximum(sd**2 - alone**2, 0)), determined=_determined(basis, normal, state.sigma),
+        mean_sd=float(np.sqrt(covariance[0, 0])), centre=basis.centre,
+        sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip
+
+
+def _with_resolution(
+    energy: Energy, target: Target, basis: Basis, state: FitState
+) -> tuple[list[Normal], np.ndarray]:
+    """The data of each frame at the end, and J^T D (K, L) for what other discretisations change.
+
+    One standard deviation is all of that change, at most a fifth of the motion: beyond it the first order says nothing.
+    """
+    K, u = len(state.a), np.where(target.seen[..., None], state.y - energy.elastic.cloud.x, 0.0)
+    frames = normal_equations(
+        energy, target, basis, state, changed_forces(basis.elastic(energy.elastic, state.a), state.y)
+    )
+    both = sum(frame.A for frame in frames)
+    size = np.sqrt(np.diagonal(both)[K:] / max(float((u**2).sum()), 1e-300))
+    own = [Normal(A=f.A[:K, :K], b=f.b[:K], c=f.c, count=f.count) for f in frames]
+    return own, both[:K, K:] * np.minimum(1.0, _MOST / np.maximum(size, 1e-300))
 
 
 def _variance(basis: Basis, covariance: np.ndarray) -> np.ndarray:

@@ -14,10 +14,10 @@ LONGEST = 250
 
 SIM_ORDER = (
     "runtime", "dtypes", "checks", "_open3d", "blocks", "lame", "laws", "hull", "consistency", "cloud", "join",
-    "pattern", "dissection", "multifrontal", "stencil", "material", "elastic", "occlusion", "terms", "energy",
-    "twolevel", "linear", "direct", "solvers", "newton", "gradual", "vibration", "dynamics", "fixed_point", "follower",
-    "rest_shape", "adjoint", "sensitivity", "through_time", "recollection", "prior", "basis", "evidence", "target",
-    "fit", "adam",
+    "pattern", "dissection", "multifrontal", "stencil", "material", "elastic", "resolution", "occlusion", "terms",
+    "energy", "twolevel", "linear", "direct", "solvers", "newton", "gradual", "vibration", "dynamics",
+    "fixed_point", "follower", "rest_shape", "adjoint", "sensitivity", "through_time", "recollection", "prior",
+    "basis", "evidence", "target", "fit", "adam",
 )
 SIM_FORBIDS = {"recon", "veo_ti", "torch", "h5py", "cv2", "pyvista", "rich", "cyclopts"}
 RECON_MAY_USE = {"sim.runtime", "sim.dtypes", "sim.checks"}

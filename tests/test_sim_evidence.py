@@ -132,6 +132,20 @@ def test_intervals_hold_the_truth_where_the_first_prior_is_too_stiff():
     assert stiff < 0.5 < 0.85 < mixed < 0.99
 
 
+def test_directions_that_data_may_be_off_by_widen_what_they_do_to_the_coefficients():
+    """Against the errors of the same estimate over many draws of coefficients, noise and how far the data are off."""
+    rng, prior = np.random.default_rng(5), np.full(4, 0.5)
+    J, D, rows = rng.normal(size=(30, 4)), 0.6 * rng.normal(size=(30, 2)), rng.normal(size=(3, 4))
+    off = []
+    for _ in range(4000):
+        a, e = np.sqrt(prior) * rng.normal(size=4), rng.normal(size=2)
+        z = J @ a + D @ e + 0.7 * rng.normal(size=30)
+        off.append(rows @ (posterior(Normal(A=J.T @ J, b=J.T @ z, c=float(z @ z), count=30), prior, 0.7).mean - a))
+    part = Normal(A=J.T @ J, b=J.T @ z, c=float(z @ z), count=30)
+    assert spread([part], [prior], 0.7, rows, J.T @ D) == pytest.approx(np.std(off, axis=0), rel=0.05)
+    assert (spread([part], [prior], 0.7, rows) < 0.9 * np.std(off, axis=0)).all()
+
+
 def test_parts_hold_all_frames_and_know_about_equally_much():
     rng = np.random.default_rng(2)
     J = [rng.normal(size=(20, 3)) * (0.0 if k < 4 else 1.0) for k in range(24)]

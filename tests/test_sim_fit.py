@@ -15,6 +15,7 @@ from sim.evidence import Normal, in_parts, independent, posterior
 from sim.fit import Fit, check_gradient, fit, guess_modulus, normal_equations
 from sim.lame import Lame
 from sim.newton import NewtonOptions, equilibrate
+from sim.resolution import other_discretisations
 from sim.target import Target
 from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
@@ -161,6 +162,23 @@ def test_one_standard_deviation_off_the_fit_costs_half_a_nat(few):
         off = np.sqrt(width[n]) * ways[:, n]
         lost = [cost(state.a + sign * off) - cost(state.a) for sign in (1, -1)]
         assert lost == pytest.approx([0.5, 0.5], abs=0.15), n
+
+
+def test_what_other_discretisations_change_is_what_fits_to_their_motion_find(few):
+    """To first order, against whole fits: a homogeneous object moved by each of them, seen well, is not found to be
+    homogeneous by ours."""
+    energy, target = few
+    noise = 1e-3 * energy.elastic.cloud.spacing * np.random.default_rng(0).normal(size=target.y.shape)
+    found = []
+    for elastic in (energy.elastic, *other_discretisations(energy.elastic)):
+        y = equilibrate(energy.with_elastic(elastic), target.y).require_converged().y
+        found.append(solve(energy, replace(target, y=y + noise), options=FitOptions(modes=8)))
+    ours, *others = found
+    free = ~energy.fixed
+    off = np.sqrt(sum(np.log(other.lame.mu / ours.lame.mu)[free] ** 2 for other in others))
+    assert len(others) == 3 and np.median(off) > 20 * np.sqrt(ours.log_mu_sd**2 - ours.resolution_sd**2)[free].mean()
+    assert np.median(ours.resolution_sd[free] / off) == pytest.approx(1.0, abs=0.4)
+    assert np.corrcoef(np.log(ours.resolution_sd[free]), np.log(off))[0, 1] > 0.8
 
 
 def test_points_that_no_load_strains_keep_the_prior(sequence):

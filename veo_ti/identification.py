@@ -77,6 +77,7 @@ class Identification:
             "mu_pa": _spread(lame.mu), "lam_pa": _spread(lame.lam), "young_pa": _spread(lame.young),
             "poisson": _spread(lame.poisson), "log_mu_mean_sd": self.fit.mean_sd,
             "log_mu_sd": _spread(self.fit.log_mu_sd), "determined": _spread(self.fit.determined),
+            "log_mu_sd_of_discretisation": _spread(self.fit.resolution_sd),
             "homogeneous_young_pa": float(self.homogeneous.lame.young[0]),
             "force_scale_known": self.object.force_scale_known,
             "footprint_mm": None if self.observation.jet is None else 1e3 * self.observation.jet.footprint, "frames": {

@@ -59,8 +59,16 @@ def sentence(metrics: dict) -> str:
         f"Nine points in ten have a shear modulus of {mu['p5'] / 1e3:.3g} to {mu['p95'] / 1e3:.3g} kPa, at the median "
         f"point known to within a factor of {factor:.2g} (95 %); the simulation is "
         f"{held['mean']:.2f} mm from the measurement {where} (one homogeneous material: {plain['mean']:.2f} mm), "
-        f"of which {source} makes about {unexplained:.2f} mm.{scale}"
+        f"of which {source} makes about {unexplained:.2f} mm.{scale}{_resolution(metrics)}"
     )
+
+
+def _resolution(metrics: dict) -> str:
+    """Whether most of what is not known of the moduli is the discretisation's doing, a sentence to append."""
+    whole, own = (metrics[name]["median"] for name in ("log_mu_sd", "log_mu_sd_of_discretisation"))
+    if own**2 < whole**2 / 2:
+        return ""
+    return " Most of what is not known of the moduli is the simulation's own error, which more points would lessen."
 
 
 def gained(metrics: dict) -> str:

@@ -5,15 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from sim.cloud import CloudOptions, RestCloud
-from sim.elastic import Elastic
-from sim.lame import Lame
+from sim.resolution import changed_forces
 from sim.sensitivity import responses
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 1e-3  # of a parameter's width: changes are linear in it or nearly so
-_OTHER_CLOUDS = (CloudOptions(neighbours=12), CloudOptions(neighbours=6), CloudOptions(stabilisation=3.0))
 _SHARE = 0.3  # of the step to another cloud that ours may be off by
 _MOST = 0.03  # of the motion: beyond it the first order says nothing
 
@@ -78,22 +75,6 @@ class Negated:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Resampled:
-    """What another discretisation of the same material adds to the gradient: the error of ours looks like it."""
-
-    elastic: Elastic
-    other: Elastic
-
-    def gradient(self, y: np.ndarray) -> np.ndarray:
-        """Other minus ours, (T, N, 3) [N]."""
-        return self.other.gradient(y) - self.elastic.gradient(y)
-
-    def frames(self, index: np.ndarray) -> "Resampled":
-        """The same for every frame."""
-        return self
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Known:
     """A direction that was solved for before: its motion (T, N, 3) [m]."""
 
@@ -111,23 +92,7 @@ class Known:
 def discretisation(scene: Scene) -> tuple[Known, ...]:
     """How the motion changes with another choice of neighbours or stabilisation, to first order: the shape of our
     error, each column in the size that is to be expected."""
-    elastic, cloud = scene.energy.elastic, scene.cloud
-    lame = Lame(mu=elastic.m[:, 0], lam=elastic.m[:, 1])
-    clouds = [_rebuilt(cloud, options) for options in _OTHER_CLOUDS]
-    others = [Elastic.neo_hookean(other, lame) for other in clouds if other is not None]
-    ways = [Direction(change=Change(terms=(Resampled(elastic=elastic, other=o),)), scale=1 / _SHARE) for o in others]
-
-    def forces(index: np.ndarray) -> np.ndarray:
-        return np.stack([way.forces(scene, index) for way in ways], axis=1)
-
-    motion = np.stack(list(responses(scene.energy, scene.y, forces)), axis=1)
-    most = _MOST * np.linalg.norm(scene.y - cloud.x)
+    changed = _SHARE * changed_forces(scene.energy.elastic, scene.y)
+    motion = np.stack(list(responses(scene.energy, scene.y, lambda index: changed[index])), axis=1)
+    most = _MOST * np.linalg.norm(scene.y - scene.cloud.x)
     return tuple(Known(motion=m * min(1.0, most / max(np.linalg.norm(m), 1e-300))) for m in motion)
-
-
-def _rebuilt(cloud: RestCloud, options: CloudOptions) -> RestCloud | None:
-    """The cloud with another choice; None where so few neighbours do not surround every point."""
-    try:
-        return RestCloud.build(cloud.x, volume=cloud.volume, surface=cloud.surface, options=options)
-    except ValueError:
-        return None
