@@ -37,7 +37,7 @@ class Candidate:
     explained: float  # share of the baseline's excess
     plausible: bool  # sign and size are what physics allows
     settled: bool  # the refit came to an end, or near enough to it to be compared
-    coincidence: float = 1.0  # how much likelier the law of its parameters makes them than chance does, inverted
+    coincidence: float = 1.0  # how likely its parameters are by chance, over how likely a law of theirs makes them
     unlike: Mapping[str, np.ndarray] = field(default_factory=dict)  # how far others are from it, at P places, (P, n)
     testable: bool = True  # a change of the material does not imitate it
     certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
@@ -66,12 +66,13 @@ class Candidate:
     def chance(self, others: Iterable[str], left: float, nats: float) -> float:
         """Bayes' factor of one of others against this one, which explains all but the share `left` of `nats`.
 
-        Another one has to obey the law of this one's parameters, and to act where and how this one can imitate it: as
-        nearly as it explains what was seen, or as would be seen. That this one explains so much is then a coincidence.
+        Another one would obey the law of this one's parameters by chance, and act by chance where and how this one can
+        imitate it: but for twice what this one leaves, or what would be seen.
         """
         near = 2 * np.sqrt(max(left, SURE / max(nats, 1e-300)))
-        there = (self.unlike[n] for n in others if n in self.unlike)
-        return self.coincidence * max(((1 + (u < near).mean() * len(u)) / (1 + len(u)) for u in there), default=1.0)
+        there = [self.unlike.get(name) for name in others]
+        shares = [1.0 if u is None else (1 + (u < near).mean() * len(u)) / (1 + len(u)) for u in there]
+        return self.coincidence * max(shares, default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
