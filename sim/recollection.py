@@ -98,6 +98,11 @@ class Damaged:
         return damage(self.F, self.scale)
 
     @cached_property
+    def load_slope(self) -> np.ndarray:
+        """How the load grows with the Green strain, `dI/dE = 2 (1 - C^-1)`, (T, N, 3, 3)."""
+        return 2 * (np.eye(3) - np.linalg.inv(self.F.swapaxes(2, 3) @ self.F))
+
+    @cached_property
     def fresh(self) -> np.ndarray:
         """Where a frame does the damage itself, (T, N)."""
         return np.diff(self.D, axis=0, prepend=0.0) > 0
@@ -126,10 +131,9 @@ class PassingDamage:
         self._largest = np.where(self._what.fresh[frame], self._load(frame, change), self._largest)
 
     def _load(self, frame: int, change: np.ndarray) -> np.ndarray:
-        """`dI = 2 (1 - C^-1) : dE`, (K, N)."""
-        F = self._what.F[frame]
-        slope = 2 * (np.eye(3) - np.linalg.inv(F.swapaxes(1, 2) @ F))
-        return np.einsum("nab,knab->kn", slope, self._what.elastic.stencil.strained(change, F))
+        """`dI/dE : dE`, (K, N)."""
+        strain = self._what.elastic.stencil.strained(change, self._what.F[frame])
+        return np.einsum("nab,knab->kn", self._what.load_slope[frame], strain)
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
