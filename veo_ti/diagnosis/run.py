@@ -16,6 +16,8 @@ from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, either, 
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 
+_LITTLE = 0.02  # share of what is wrong that a named cause may leave without anything that explains it
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
@@ -77,7 +79,8 @@ def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progres
     also tell apart those of which each leaves clear misfit.
 
     Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
-    nearly all as well: either may be there, beside something else.
+    nearly all as well: either may be there, beside something else. Without such another, the cause itself may only
+    imitate what is there, if what it leaves is clear and more than a little.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
@@ -87,7 +90,7 @@ def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progres
         wider = widened(first, *start.given, say)
         near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found[0].name]
         if not near:
-            return [first, more]
+            return [_unexplained(first)] if _leaves_much(found[0]) else [first, more]
         unsure = replace(wider, verdict=either((*found, *near)), extended=None)
         return _pair(unsure, start, causes, say, but=found[0].name)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
@@ -109,10 +112,18 @@ def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Pro
     return told_apart(more, found.refit, model, more.s2, say)
 
 
+def _leaves_much(found: Candidate) -> bool:
+    return found.misfit.z > CLEAR and 1 - found.explained > _LITTLE and not found.like_noise
+
+
+def _unexplained(found: Round) -> Round:
+    """A look that named one, which now is only nearest."""
+    return replace(found, verdict=unexplained(found.verdict.causes[:1]), extended=None)
+
+
 def _pair(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, but: str = "") -> list[Round]:
     """Two causes at once instead of what the first look found alone, or that look, which then names none."""
-    none = replace(first, verdict=unexplained(first.verdict.causes[:1]), extended=None)
-    alone = none if first.verdict.kind == "named" else first
+    alone = _unexplained(first) if first.verdict.kind == "named" else first
 
     def again(more: Sequence[Refit]) -> Round:
         return with_more(alone, more, *start.given)

@@ -156,9 +156,9 @@ def named(cause: Candidate) -> Verdict:
 
 
 def unexplained(nearest: Sequence[Candidate]) -> Verdict:
-    """Nothing known explains most of it; what comes nearest is mentioned, not named."""
+    """Nothing known explains it well enough; what comes nearest is mentioned, not named."""
     near = "".join(f" The nearest is {c.name}, which explains {c.explained:.0%}." for c in nearest)
-    sentence = f"The simulation is wrong beyond noise, and no known cause explains most of it.{near}"
+    sentence = f"The simulation is wrong beyond noise, and no known cause explains it well enough.{near}"
     return Verdict(kind="unexplained", causes=(), sentence=sentence)
 
 
