@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -162,8 +162,7 @@ class DirectFactors:
             if 2 * len(runs) > len(r):  # nearly all alone: then it is Python's steps that take time
                 list(map(solve, runs))
             else:
-                with ThreadPoolExecutor(_THREADS) as pool:
-                    list(pool.map(solve, runs))
+                list(_pool().map(solve, runs))
         return out
 
     def _runs(self) -> list[slice]:
@@ -216,12 +215,17 @@ def _solved(layout: Layout, blocks: np.ndarray, columns: np.ndarray) -> np.ndarr
     return found * size
 
 
+@cache  # to make threads takes a tenth of the time of a small solve
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_THREADS)
+
+
 def _side_by_side(tangent: Tangent, work: Callable[[slice, np.ndarray], None]) -> None:
     """work(frames, blocks) for all frames, a few at a time: the assembled blocks of all would take gigabytes."""
     T, most = len(tangent.y), _THREADS * _TOGETHER
-    with serial_blas(), ThreadPoolExecutor(_THREADS) as pool:
+    with serial_blas():
         for first in range(0, T, most):
             end = min(first + most, T)
             blocks, cuts = tangent.assembled(slice(first, end)), np.linspace(0, end - first, _THREADS + 1).astype(int)
             parts = [slice(a, b) for a, b in pairwise(cuts.tolist()) if a < b]
-            list(pool.map(work, [slice(first + p.start, first + p.stop) for p in parts], [blocks[p] for p in parts]))
+            list(_pool().map(work, [slice(first + p.start, first + p.stop) for p in parts], [blocks[p] for p in parts]))
