@@ -81,6 +81,14 @@ def test_sentence_tells_what_nine_points_in_ten_have_and_how_well_it_is_known(id
     assert np.mean(off < np.log(0.95 * factor)) < 0.5 < np.mean(off < np.log(1.05 * factor))  # it is rounded
 
 
+def test_it_is_said_where_most_of_what_is_not_known_is_the_discretisations(identified):
+    whole, own = (identified.metrics[name]["median"] for name in ("log_mu_sd", "log_mu_sd_of_discretisation"))
+    assert 0 < own < whole
+    for share, said in ((0.6, False), (0.8, True)):
+        part = {"log_mu_sd": {"median": 0.5}, "log_mu_sd_of_discretisation": {"median": 0.5 * share}}
+        assert ("the simulation's own error" in sentence({**identified.metrics, **part})) == said
+
+
 def test_a_gain_that_may_be_chance_is_called_so(identified):
     found = {"mean": 0.1, "low": 0.05, "high": 0.2}
     sure = {**identified.metrics, "gained_mm": {"over_homogeneous": found}}

@@ -49,7 +49,7 @@ def remove_checkpoints(folder: Path) -> None:
 def sentence(metrics: dict) -> str:
     """The result in one plain sentence."""
     mu, unexplained = metrics["mu_pa"], metrics["noise_mm"] * np.sqrt(8 / np.pi)
-    factor = np.exp(1.96 * metrics["log_mu_sd"]["median"])
+    factor = _factor(metrics, "log_mu_sd")
     source = "the measurement's noise" if metrics["noise_given"] else "noise, or physics that the model lacks,"
     scale = "" if metrics["force_scale_known"] else " Forces are known up to scale only, so the moduli are relative."
     held = metrics["error_mm"]["held_out"] or metrics["error_mm"]["training"]
@@ -61,6 +61,11 @@ def sentence(metrics: dict) -> str:
         f"{held['mean']:.2f} mm from the measurement {where} (one homogeneous material: {plain['mean']:.2f} mm), "
         f"of which {source} makes about {unexplained:.2f} mm.{scale}{_resolution(metrics)}"
     )
+
+
+def _factor(metrics: dict, name: str) -> float:
+    """Within which mu of the median point is known (95 %)."""
+    return float(np.exp(1.96 * metrics[name]["median"]))
 
 
 def _resolution(metrics: dict) -> str:
@@ -159,6 +164,8 @@ def _material_section(result: Identification, metrics: dict, pictures: dict[str,
 def _trust_section(result: Identification, metrics: dict, pictures: dict[str, Path]) -> Section:
     rows = [
         [f"noise per coordinate [mm], {'given' if metrics['noise_given'] else 'estimated'}", metrics["noise_mm"]],
+        ["shear modulus of the median point, known to within a factor of (95 %)", _factor(metrics, "log_mu_sd")],
+        ["the same, of the discretisation alone", _factor(metrics, "log_mu_sd_of_discretisation")],
         ["adjoint gradient against finite differences", f"{metrics['gradient_check']:.1e}"],
         ["Gauss-Newton steps", metrics["iterations"]],
         ["frames without equilibrium", len(metrics["frames"]["not_converged"])],
