@@ -9,7 +9,7 @@ from ellipsoid_scene import RADII, drawn, inside, ring, silhouette
 
 from recon.quality.similarity import psnr
 from recon.radiance.cloudwarp import CloudWarp, cloud_occupancy, moved_field
-from recon.radiance.device import array
+from recon.radiance.device import array, device, tensor
 from recon.radiance.extraction import ExtractOptions, carried, extract
 from recon.radiance.fields import Box, Dynamic, FieldOptions
 from recon.radiance.hashgrid import HashGrid
@@ -75,10 +75,9 @@ def test_a_camera_that_taught_nothing_sees_the_object_in_both_frames(trained, ca
 def test_points_of_the_surface_are_carried_along(trained):
     points = inside(400, MIDDLE[0])
     skin = points / np.linalg.norm(points / RADII, axis=1, keepdims=True) * 0.95
-    there = carried(trained.field, torch.from_numpy(skin.astype(np.float32)), 1).numpy()
+    still, there = (array(carried(trained.field, tensor(skin.astype(np.float32)), frame)) for frame in (0, 1))
     off = np.linalg.norm(there - skin - MIDDLE[1], axis=1)
     assert off.mean() < 0.4 * np.linalg.norm(MIDDLE[1])
-    still = carried(trained.field, torch.from_numpy(skin.astype(np.float32)), 0).numpy()
     assert np.linalg.norm(still - skin, axis=1).mean() < 0.4 * np.linalg.norm(MIDDLE[1])
 
 
@@ -108,8 +107,8 @@ def test_a_field_is_not_asked_for_what_is_hidden_and_the_picture_is_the_same(cam
         return thick * inside, 0.5 + 8 * places.clamp(-0.05, 0.05)
 
     shown, (start, direction) = render(fog, occupancy, camera), camera_rays(camera)
-    few = sum(count)
-    whole, samples, _ = along(fog, occupancy, start, direction, torch.zeros(len(start), dtype=torch.long))
+    few, first = sum(count), torch.zeros(len(start), dtype=torch.long, device=device())
+    whole, samples, _ = along(fog, occupancy, start, direction, first)
     assert np.abs(shown.colour - array(whole.colour).reshape(shown.colour.shape)).max() < 1e-3
     assert np.abs(shown.opacity - array(whole.opacity).reshape(shown.opacity.shape)).max() < 1e-3
     assert array(whole.opacity).max() > 0.2 and asked[0] <= few / len(samples.depth) <= asked[1]
@@ -124,8 +123,8 @@ def test_the_more_rays_a_pixel_has_the_better_it_shows_how_much_an_edge_covers(c
     occupancy = cloud_occupancy(np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3), cut=0.02, cells=32)
 
     def solid(places: torch.Tensor, frame: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        inside = (places - torch.from_numpy(camera.centre).float()) @ torch.from_numpy(normal).float() < 0
-        return 1e5 * inside, torch.ones(len(places), 3)
+        inside = (places - tensor(camera.centre).float()) @ tensor(normal).float() < 0
+        return 1e5 * inside, torch.ones_like(places)
 
     around = (np.array(camera.size) // 2)[None, None] + np.stack(np.meshgrid(*[np.arange(-3.0, 4)] * 2), -1)
     within = (np.stack(np.meshgrid(*[np.arange(32)] * 2), -1).reshape(-1, 2) + 0.5) / 32 - 0.5
@@ -143,11 +142,12 @@ def test_the_more_rays_a_pixel_has_the_better_it_shows_how_much_an_edge_covers(c
 def test_a_cloud_at_rest_shows_what_the_field_shows(trained, cloud, cameras):
     """With fewer points than pixels, and the bending of frame 0 interpolated between them."""
     camera, renderer = cameras[TRAIN], Rerenderer(trained=trained, rest=cloud.points[0], spacing=cloud.spacing)
+    shift = tensor(np.array([0.05, -0.08, 0.03], np.float32))
     with torch.no_grad():  # a motion of all frames together, which no training took away
-        trained.field.bending.network[-1].bias += torch.tensor([0.05, -0.08, 0.03])
+        trained.field.bending.network[-1].bias += shift
         whole = render(trained.field, trained.occupancy, camera)
         shown = renderer.picture(cloud.points[0], camera)
-        trained.field.bending.network[-1].bias -= torch.tensor([0.05, -0.08, 0.03])
+        trained.field.bending.network[-1].bias -= shift
     plain = render(trained.field, trained.occupancy, camera)
     matte = (whole.opacity > 0.5) & np.isfinite(shown.depth)
     assert psnr(shown.colour, whole.colour, matte) > psnr(plain.colour, whole.colour, matte) + 10
@@ -195,5 +195,5 @@ def test_the_papers_encoding_is_an_option():
 
 def test_rays_meet_the_pixels_they_belong_to(cameras):
     start, direction = camera_rays(cameras[0])
-    pixels, _ = cameras[0].project((start + 0.7 * direction).double().numpy())
+    pixels, _ = cameras[0].project(array((start + 0.7 * direction).double()))
     assert pixels == pytest.approx(cameras[0].grid().reshape(-1, 2), abs=1e-3)
