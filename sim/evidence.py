@@ -91,25 +91,26 @@ def _means_without_each(parts: Sequence[Normal], prior: np.ndarray, sigma: float
 def spread(
     parts: Sequence[Normal], priors: Sequence[np.ndarray], sigma: float, rows: np.ndarray,
     wrong: np.ndarray | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Standard deviation (N,) of rows r (N, K) of the coefficients, about their mean under the first of several priors.
 
-    `sd^2 = sum_k w_k (r C_k r^T + (r (mean_k - mean_0))^2 + |r C_k W|^2 / sigma^4) / sum_k w_k`: which prior holds is
-    not known either. One that predicts parts left out worse than the best does, by n standard errors of the difference
-    over the parts, has `w = exp(-n)`. Why the evidence does not weigh them: see `_smoothest`. wrong: W = J^T D (K, L)
-    for directions D that the data may be off by, one standard deviation each, and that were not looked for.
+    `sd^2 = sum_k w_k (r C_k r^T + (r (mean_k - mean_0))^2) / sum_k w_k`: which prior holds is not known either. One
+    that predicts parts left out worse than the best does, by n standard errors of the difference over the parts, has
+    `w = exp(-n)`. Why the evidence does not weigh them: see `_smoothest`. And what comes on top, the root of
+    `sum_k w_k |r C_k W|^2 / sigma^4 / sum_k w_k`, with wrong: W = J^T D (K, L) for directions D that the data may be
+    off by, one standard deviation each, and that were not looked for.
     """
     whole, wrong = Normal.sum(parts), np.zeros((rows.shape[1], 0)) if wrong is None else wrong / sigma**2
     found = [posterior(whole, prior, sigma) for prior in priors]
     seen = [rows @ p.covariance for p in found]
-    variance = np.array([(s * rows).sum(axis=1) + ((s @ wrong) ** 2).sum(axis=1) for s in seen])
+    variance, moved = np.array([((s * rows).sum(axis=1), ((s @ wrong) ** 2).sum(axis=1)) for s in seen]).swapaxes(0, 1)
     if len(parts) < 2:
-        return np.sqrt(variance[0])
+        return np.sqrt(variance[0]), np.sqrt(moved[0])
     errors = np.array([left_out(parts, prior, sigma) for prior in priors])
     worse, doubt = _worse(errors, int(errors.sum(axis=1).argmin()))
     weights = np.exp(-worse / np.maximum(doubt, 1e-300))
     apart = np.array([rows @ (p.mean - found[0].mean) for p in found])
-    return np.sqrt(weights @ (variance + apart**2) / weights.sum())
+    return np.sqrt(weights @ (variance + apart**2) / weights.sum()), np.sqrt(weights @ moved / weights.sum())
 
 
 def independent(parts: Sequence[Normal], prior: np.ndarray, sigma: float, least: float) -> float:

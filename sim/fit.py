@@ -194,14 +194,14 @@ def _result(
     parts, factor = _counted(target, basis, state, frames)
     prior, normal = basis.prior(state.length, state.amplitude), Normal.sum(parts)
     covariance = posterior(normal, prior, state.sigma).covariance
-    given = (parts, [prior, *basis.priors()], state.sigma, basis.log_mu)
-    alone, sd = spread(*given), spread(*given, None if wrong is None else wrong / factor)
+    priors, wrong = [prior, *basis.priors()], None if wrong is None else wrong / factor
+    alone, resolution = spread(parts, priors, state.sigma, basis.log_mu, wrong)
     steps = len(state.objective) - 1
     limit = steps >= basis.options.iterations
     reason = "stopped at the iteration limit" if limit else "ended because a further step gained next to nothing"
     return Fit(
-        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=sd,
-        resolution_sd=np.sqrt(np.maximum(sd**2 - alone**2, 0)), determined=_determined(basis, normal, state.sigma),
+        lame=lame, state=state, equilibrium=equilibrium, log_mu_sd=np.hypot(alone, resolution),
+        resolution_sd=resolution, determined=_determined(basis, normal, state.sigma),
         mean_sd=float(np.sqrt(covariance[0, 0])), centre=basis.centre,
         sentence=f"{reason}, after {steps} steps; {equilibrium.sentence}",
     )  # fmt: skip

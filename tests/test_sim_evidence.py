@@ -112,11 +112,11 @@ def test_priors_count_by_how_well_they_predict_parts_left_out():
     held, told = (1.0, less) if free.sum() > (z**2).sum() else (less, 1.0)
     priors, row = [np.full(1, 1e-9), np.full(1, 1e9)], np.ones((1, 1))
     expected = told * (1 / 4 + z.mean() ** 2) / (held + told)
-    assert spread(parts, priors, 1.0, row)[0] ** 2 == pytest.approx(expected, rel=1e-6)
+    assert spread(parts, priors, 1.0, row)[0][0] ** 2 == pytest.approx(expected, rel=1e-6)
     about_free = (held * z.mean() ** 2 + told / 4) / (held + told)
-    assert spread(parts, priors[::-1], 1.0, row)[0] ** 2 == pytest.approx(about_free, rel=1e-6)
-    assert spread(parts, priors[1:], 1.0, row)[0] ** 2 == pytest.approx(1 / 4)  # nothing to choose from
-    assert spread(parts[:1], priors[::-1], 1.0, row)[0] ** 2 == pytest.approx(1)  # nothing to leave out
+    assert spread(parts, priors[::-1], 1.0, row)[0][0] ** 2 == pytest.approx(about_free, rel=1e-6)
+    assert spread(parts, priors[1:], 1.0, row)[0][0] ** 2 == pytest.approx(1 / 4)  # nothing to choose from
+    assert spread(parts[:1], priors[::-1], 1.0, row)[0][0] ** 2 == pytest.approx(1)  # nothing to leave out
 
 
 def test_intervals_hold_the_truth_where_the_first_prior_is_too_stiff():
@@ -127,7 +127,7 @@ def test_intervals_hold_the_truth_where_the_first_prior_is_too_stiff():
         z = J @ a + 2 * rng.normal(size=(5, 8))
         parts = [Normal(A=j.T @ j, b=j.T @ y, c=float(y @ y), count=8) for j, y in zip(J, z, strict=True)]
         off = np.abs(posterior(Normal.sum(parts), priors[0], 2.0).mean - a)
-        held.append([off < 1.96 * spread(parts, some, 2.0, np.eye(12)) for some in (priors[:1], priors)])
+        held.append([off < 1.96 * spread(parts, some, 2.0, np.eye(12))[0] for some in (priors[:1], priors)])
     stiff, mixed = np.mean(held, axis=(0, 2))
     assert stiff < 0.5 < 0.85 < mixed < 0.99
 
@@ -142,8 +142,8 @@ def test_directions_that_data_may_be_off_by_widen_what_they_do_to_the_coefficien
         z = J @ a + D @ e + 0.7 * rng.normal(size=30)
         off.append(rows @ (posterior(Normal(A=J.T @ J, b=J.T @ z, c=float(z @ z), count=30), prior, 0.7).mean - a))
     part = Normal(A=J.T @ J, b=J.T @ z, c=float(z @ z), count=30)
-    assert spread([part], [prior], 0.7, rows, J.T @ D) == pytest.approx(np.std(off, axis=0), rel=0.05)
-    assert (spread([part], [prior], 0.7, rows) < 0.9 * np.std(off, axis=0)).all()
+    assert np.hypot(*spread([part], [prior], 0.7, rows, J.T @ D)) == pytest.approx(np.std(off, axis=0), rel=0.05)
+    assert (spread([part], [prior], 0.7, rows)[0] < 0.9 * np.std(off, axis=0)).all()
 
 
 def test_parts_hold_all_frames_and_know_about_equally_much():

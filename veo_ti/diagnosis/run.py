@@ -12,11 +12,19 @@ from veo_ti.diagnosis.model import OURS, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
-from veo_ti.diagnosis.verdict import CLEAR, MISFIT, Candidate, Verdict, either, stands, sufficient, unexplained
+from veo_ti.diagnosis.verdict import (
+    CLEAR,
+    MISFIT,
+    Candidate,
+    Verdict,
+    either,
+    leaves_much,
+    stands,
+    sufficient,
+    unexplained,
+)
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
-
-_LITTLE = 0.02  # share of what is wrong that a named cause may leave without anything that explains it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +98,7 @@ def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progres
         wider = widened(first, *start.given, say)
         near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found[0].name]
         if not near:
-            return [_unexplained(first)] if _leaves_much(found[0]) else [first, more]
+            return [_unexplained(first)] if leaves_much(found[0]) else [first, more]
         unsure = replace(wider, verdict=either((*found, *near)), extended=None)
         return _pair(unsure, start, causes, say, but=found[0].name)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
@@ -110,10 +118,6 @@ def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Pro
         return None
     more = look(found.refit, model, floor, start.modes, others, say, shadow=True)
     return told_apart(more, found.refit, model, more.s2, say)
-
-
-def _leaves_much(found: Candidate) -> bool:
-    return found.misfit.z > CLEAR and 1 - found.explained > _LITTLE and not found.like_noise
 
 
 def _unexplained(found: Round) -> Round:

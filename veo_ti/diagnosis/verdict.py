@@ -21,7 +21,8 @@ MORE = 5.0  # times as much
 CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
-CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left
+CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left, and
+LITTLE = 0.02  # no more than this share where nothing explains it
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it, and
 SURVIVES = 0.5  # in the shadow of one that explains most
 
@@ -169,6 +170,11 @@ def stands(causes: Sequence[Candidate]) -> bool:
         return True
     may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)
     return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
+
+
+def leaves_much(candidate: Candidate) -> bool:
+    """Whether too much is left, and clearly, for its name if nothing explains that."""
+    return candidate.misfit.z > CLEAR and 1 - candidate.explained > LITTLE and not candidate.like_noise
 
 
 def sufficient(candidate: Candidate) -> bool:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
@@ -104,8 +103,9 @@ class GravityDirection(Cause):
         g, size = scene.observation.gravity, float(np.linalg.norm(theta))
         if not (_known(scene) and size > 0) or abs(float(theta @ g)) <= _LEVEL * size * float(np.linalg.norm(g)):
             return 1.0
-        lawful = float(norm.pdf(_stronger(scene, theta), scale=_strength_known(scene, theta, spread)))
-        return min(0.5 / size / max(lawful, 1e-300), 1.0)
+        known = max(_strength_known(scene, theta, spread), 1e-300)
+        against = min((_stronger(scene, theta) / known) ** 2 / 2, 700.0)  # nats, of which exp has no more
+        return float(min(np.sqrt(np.pi / 2) * known / size * np.exp(against), 1.0))
 
 
 def _known(scene: Scene) -> bool:
