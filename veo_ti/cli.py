@@ -73,18 +73,24 @@ def identify(
 
 @app.command
 def diagnose(
-    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4
+    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, second: bool = True
 ) -> dict[str, object]:
     """Say what a simulation of INPUT gets wrong, which physical cause explains it, and what knowing it gains.
 
-    Parameters are those of `veo run`.
+    Other parameters are those of `veo run`.
+
+    Parameters
+    ----------
+    second
+        Look for a second cause, and for two at once where none alone explains what is wrong. That may take several
+        times as long; what the first look said is in diagnosis.json meanwhile.
     """
     folder = Path(source)
     if folder.is_dir() and list(folder.glob("beam_*.npz")):
         return _beam_diagnosis(folder, out)
     from veo_ti.commands import diagnose_source
 
-    return diagnose_source(source, out, modes=modes, every=every)
+    return diagnose_source(source, out, modes=modes, every=every, second=second)
 
 
 @app.command

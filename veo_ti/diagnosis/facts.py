@@ -26,6 +26,7 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
     after = last.verdict.causes[0].misfit if last.verdict.kind == "named" else last.misfit
     return {
         "verdict": diagnosis.verdict.kind,
+        "finished": diagnosis.finished,
         "sentence": sentence(diagnosis),
         "causes": _causes(diagnosis),
         "ambiguous_with": _rivals(diagnosis),

@@ -1,7 +1,7 @@
 """The diagnosis from start to end: baseline, noise, misfit, scores, refits, verdict, gain, and a second cause."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from veo_ti.diagnosis.baseline import Baseline
@@ -39,6 +39,7 @@ class Diagnosis:
     untestable: dict[str, str]  # cause -> why
     gain: Gain | None
     seconds: float
+    finished: bool = True  # whether what is beside the first look was looked for, too
 
     @property
     def verdict(self) -> Verdict:
@@ -52,33 +53,45 @@ class Diagnosis:
 
 
 def diagnose(
-    identification: Identification, causes: Sequence[Cause], *, second: bool = True, progress: Progress | None = None
-) -> Diagnosis:
+    identification: Identification, causes: Sequence[Cause], *, second: bool = True, progress: Progress | None = None,
+    so_far: Callable[[Diagnosis], None] | None = None,
+) -> Diagnosis:  # fmt: skip
     """Find what an identified object's simulation gets wrong.
 
-    second: after a cause was named, look for another in what is left.
+    second: after the first look, look for another cause in what is left, or for two at once, which may take several
+    times as long; so_far is given what the first look says before that.
     """
     began, say = time.perf_counter(), progress or (lambda text: None)
     start = Baseline.of(identification, say)
-    baseline, noise = start.refit, start.noise
-    scene = baseline.scene
-    reasons = {cause.name: cause.untestable(scene) for cause in causes}
+    reasons = {cause.name: cause.untestable(start.refit.scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
+
+    def told(rounds: Sequence[Round], *, finished: bool) -> Diagnosis:
+        final = next((r.extended for r in reversed(rounds) if r.extended is not None), start.refit)
+        return Diagnosis(
+            identification=identification, noise=start.noise, baseline=start.refit, final=final, rounds=tuple(rounds),
+            untestable={name: reason for name, reason in reasons.items() if reason}, finished=finished,
+            gain=_gain(identification, start, final), seconds=time.perf_counter() - began,
+        )  # fmt: skip
+
     first = look(*start.given, open_causes, say)
+    if second and so_far is not None:
+        so_far(told([first], finished=False))
     rounds = _rounds(first, start, open_causes if second else (), say)
     if len(rounds) == 1:
-        rounds = [told_apart(rounds[0], baseline, start.model, rounds[0].s2, say)]
-    current = next((r.extended for r in reversed(rounds) if r.extended is not None), baseline)
-    return Diagnosis(
-        identification=identification, noise=noise, baseline=baseline, final=current, rounds=tuple(rounds),
-        untestable={name: reason for name, reason in reasons.items() if reason}, seconds=time.perf_counter() - began,
-        gain=measure_gain(
-            scene.target, scene.train, sigma=noise.sigma,
-            models={
-                "before": baseline.shown, "homogeneous": identification.baseline.y,
-                "after": current.shown + (scene.target.y - current.scene.target.y), "no_change": identification.rest.y,
-            },
-        ),
+        rounds = [told_apart(rounds[0], start.refit, start.model, rounds[0].s2, say)]
+    return told(rounds, finished=True)
+
+
+def _gain(identification: Identification, start: Baseline, final: Refit) -> Gain | None:
+    """What the final model gains on held-out frames."""
+    scene = start.refit.scene
+    return measure_gain(
+        scene.target, scene.train, sigma=start.noise.sigma,
+        models={
+            "before": start.refit.shown, "homogeneous": identification.baseline.y,
+            "after": final.shown + (scene.target.y - final.scene.target.y), "no_change": identification.rest.y,
+        },
     )  # fmt: skip
 
 
