@@ -31,30 +31,39 @@ class Solve:
     curved: np.ndarray
 
 
+Operator = Callable[[np.ndarray], np.ndarray]
+
+
 def conjugate_gradients(
-    product: Callable[[np.ndarray], np.ndarray],
+    product: Operator,
     right: np.ndarray,
-    precondition: Callable[[np.ndarray], np.ndarray],
+    precondition: Operator,
     *,
     tolerance: float | np.ndarray = 1e-8,
     limit: int = 400,
+    part: Callable[[np.ndarray], tuple[Operator, Operator]] | None = None,
 ) -> Solve:
     """Solve H x = right (T, N, 3) to |residual| <= tolerance |right| in every frame.
 
     A frame stops when it converges or when it meets a direction of negative curvature, where x keeps its last value
-    (for the first direction, the preconditioned right side).
+    (for the first direction, the preconditioned right side). part(frames) gives product and preconditioner of some
+    frames: those that go on when half of them have stopped, as where a few are next to an instability.
     """
-    tolerance = np.broadcast_to(tolerance, len(right))
     x, r = np.zeros_like(right), right.copy()
     z = precondition(r)
     p, rz = z.copy(), _dots(r, z)
     goal = tolerance * np.sqrt(_dots(right, right))
     iterations, curved = np.zeros(len(right), int), np.zeros(len(right), bool)
     converged = np.sqrt(_dots(r, r)) <= goal
+    swept = np.arange(len(right))  # the frames of r, z, p, rz and goal
     for step in range(limit):
-        active = ~(converged | curved)
+        active = ~(converged | curved)[swept]
         if not active.any():
             break
+        if part is not None and 2 * active.sum() <= len(swept):
+            swept, r, z, p, rz, goal = (array[active] for array in (swept, r, z, p, rz, goal))
+            active = active[active]
+            product, precondition = part(swept)
         if step:
             z = precondition(r)
             following = _dots(r, z)
@@ -64,13 +73,13 @@ def conjugate_gradients(
         curvature = _dots(p, q)
         bent = active & ((curvature <= 0) | (rz <= 0))
         if step == 0:
-            x[bent] = z[bent]
-        curved |= bent
+            x[swept[bent]] = z[bent]
+        curved[swept[bent]] = True
         a = np.where(active & ~bent, rz / np.where(curvature > 0, curvature, 1.0), 0.0)
-        x += a[:, None, None] * p
+        x[swept] += a[:, None, None] * p
         r -= a[:, None, None] * q
-        iterations += active
-        converged |= np.sqrt(_dots(r, r)) <= goal
+        iterations[swept] += active
+        converged[swept] |= np.sqrt(_dots(r, r)) <= goal
     return Solve(x=x, iterations=iterations, converged=converged, curved=curved)
 
 

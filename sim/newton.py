@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy, Tangent
-from sim.linear import Preconditioner, conjugate_gradients
+from sim.linear import Operator, Preconditioner, conjugate_gradients
 from sim.solvers import LinearSolver, Solver
 
 
@@ -161,19 +161,31 @@ def _direction(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The Newton direction (T, N, 3), with the projected Hessian where the exact one is not positive definite, and how
     many steps of conjugate gradients the exact one took (T,)."""
-    forcing = np.clip(state.residual, 1e-4, 1e-3)
-    solve = conjugate_gradients(tangent.product, -state.gradient, precondition, tolerance=forcing)
+    forcing, right = np.clip(state.residual, 1e-4, 1e-3), -state.gradient
+    part = _parts(energy, state.y, precondition)
+    solve = conjugate_gradients(tangent.product, right, precondition, tolerance=forcing, part=part)
     direction = solve.x
     bent = np.flatnonzero(solve.curved | ((direction * state.gradient).sum(axis=(1, 2)) >= 0))
     if len(bent):
         some, project = energy.frames(bent), np.ones(len(bent), bool)
         tangent = some.tangent(state.y[bent], project)
-        right = -state.gradient[bent]
-        again = conjugate_gradients(
-            tangent.product, right, solver.preconditioner(tangent), tolerance=forcing[bent], limit=400
-        )
+        precondition = solver.preconditioner(tangent)
+        part = _parts(some, state.y[bent], precondition, project)
+        again = conjugate_gradients(tangent.product, right[bent], precondition, tolerance=forcing[bent], part=part)
         direction[bent] = again.x
     return direction, solve.iterations
+
+
+def _parts(
+    energy: Energy, y: np.ndarray, precondition: Preconditioner, project: np.ndarray | None = None
+) -> Callable[[np.ndarray], tuple[Operator, Operator]]:
+    """The Hessian at y and its preconditioner for some of the frames."""
+
+    def part(frames: np.ndarray) -> tuple[Operator, Operator]:
+        tangent = energy.frames(frames).tangent(y[frames], None if project is None else project[frames])
+        return tangent.product, precondition.frames(frames)
+
+    return part
 
 
 def _search(energy: Energy, state: _State, active: np.ndarray, direction: np.ndarray) -> np.ndarray:
