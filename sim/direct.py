@@ -175,8 +175,8 @@ class DirectFactors:
                 cuts.append(t)
         return [slice(a, b) for a, b in pairwise([*cuts, T])]
 
-    def frames(self, index: np.ndarray) -> "DirectFactors":
-        """The factors of the chosen frames."""
+    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> "DirectFactors":
+        """The factors of the chosen frames, whose tangent they do not need."""
         return replace(self, index=self.index[index])
 
 

@@ -6,6 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.energy import Tangent
+
 
 class Preconditioner(Protocol):
     """An approximate inverse of a tangent, symmetric and positive definite in every frame."""
@@ -17,8 +19,8 @@ class Preconditioner(Protocol):
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (T, N, 3)."""
 
-    def frames(self, index: np.ndarray) -> "Preconditioner":
-        """The preconditioner of the chosen frames."""
+    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> "Preconditioner":
+        """The preconditioner of the chosen frames, which may go on at another tangent of theirs."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -116,7 +116,7 @@ def equilibrate(
             break
         part = energy.frames(active)
         tangent = part.tangent(state.y[active])
-        last = None if precondition is None else precondition.frames(np.searchsorted(earlier, active))
+        last = None if precondition is None else precondition.frames(np.searchsorted(earlier, active), tangent)
         precondition, earlier = solver.following(last, part, tangent, state.residual[active]), active
         direction, spent = _direction(part, state.frames(active), tangent, solver, precondition)
         solver.spent(active, spent)
@@ -183,7 +183,7 @@ def _parts(
 
     def part(frames: np.ndarray) -> tuple[Operator, Operator]:
         tangent = energy.frames(frames).tangent(y[frames], None if project is None else project[frames])
-        return tangent.product, precondition.frames(frames)
+        return tangent.product, precondition.frames(frames, tangent)
 
     return part
 

@@ -121,8 +121,8 @@ class _Held:
     kept: KeptSolver
     index: np.ndarray
 
-    def frames(self, index: np.ndarray) -> "_Held":
-        """Of some of these."""
+    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> "_Held":
+        """Of some of these, whose tangent factors do not need."""
         return replace(self, index=self.index[index])
 
     @property

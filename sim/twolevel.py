@@ -129,11 +129,11 @@ class TwoLevel:
             coarse_inverse=np.stack(coarse),
         )  # fmt: skip
 
-    def frames(self, index: np.ndarray) -> "TwoLevel":
-        """Of the chosen frames; the tangent is then another one's, see `moved`."""
+    def frames(self, index: np.ndarray, tangent: Tangent) -> "TwoLevel":
+        """Of the chosen frames, at a tangent of theirs: the same one, or another, see `moved`."""
         return replace(
-            self, inverse_diagonal=self.inverse_diagonal[index], largest=self.largest[index], arms=self.arms[index],
-            coarse_inverse=self.coarse_inverse[index],
+            self, tangent=tangent, inverse_diagonal=self.inverse_diagonal[index], largest=self.largest[index],
+            arms=self.arms[index], coarse_inverse=self.coarse_inverse[index],
         )  # fmt: skip
 
     @property
