@@ -42,6 +42,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 9000, 0.999, z=1), found("b", 8980, 0.999, z=0)], "ambiguous", ["a", "b"]),  # not to that digit
         ([found("a", 9000, 0.95, z=30), found("b", 8900, 0.94, z=35)], "ambiguous", ["a", "b"]),  # neither is clean
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
+        ([found("a", 3.277e6, 1.0, z=0), found("b", 3.2768e6, 0.9998, z=27)], "ambiguous", ["a", "b"]),  # seed 2906: no
+        ([found("a", 3.277e6, 1.0, z=0), found("b", 3.26e6, 0.995, z=1000)], "named", ["a"]),  # more than our own error
         ([found("a", 6289, 0.991, z=23), found("b", 6102, 0.963, z=98)], "ambiguous", ["a", "b"]),  # seed 1786
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 300, 0.95, z=54), found("b", 305, 0.0, z=836, settled=False, short=305)], "ambiguous", ["a", "b"]),

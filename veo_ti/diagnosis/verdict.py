@@ -86,11 +86,12 @@ class Verdict:
 
 
 def _rejected(rival: Candidate, best: Candidate) -> bool:
-    """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, whose
-    refit came to an end: of one that stopped on its way, nobody knows what it would leave."""
+    """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, and
+    more than our own error of its effect, which the true one may leave as well; the other's refit came to an end: of
+    one that stopped on its way, nobody knows what it would leave."""
     left, other = 1 - best.explained, 1 - rival.explained
     clean = best.misfit.z < MISFIT or left < LEFT
-    return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > MORE * left
+    return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, OURS**2)
 
 
 def _margin(best: Candidate) -> float:
