@@ -32,7 +32,7 @@ class _Fresh:
         """A fresh one."""
         return self.preconditioner(tangent)
 
-    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> Preconditioner:
+    def frames(self, index: np.ndarray, tangent: Tangent) -> Preconditioner:
         """Itself: there is one frame."""
         return self
 

@@ -19,7 +19,7 @@ class Preconditioner(Protocol):
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """z ~ H^-1 r, (T, N, 3)."""
 
-    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> "Preconditioner":
+    def frames(self, index: np.ndarray, tangent: Tangent) -> "Preconditioner":
         """The preconditioner of the chosen frames, which may go on at another tangent of theirs."""
 
 

@@ -121,7 +121,7 @@ class _Held:
     kept: KeptSolver
     index: np.ndarray
 
-    def frames(self, index: np.ndarray, tangent: Tangent | None = None) -> "_Held":
+    def frames(self, index: np.ndarray, tangent: Tangent) -> "_Held":
         """Of some of these, whose tangent factors do not need."""
         return replace(self, index=self.index[index])
 
