@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from veo_ti.diagnosis import leaders, looks
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes
 from veo_ti.diagnosis.placing import Spot
 
@@ -74,7 +75,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     def looked_at(found, current, model, floor, modes, say, known):
         asked_for.append([(s.name, s.place) for s in found])
         tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
-                                 model=SimpleNamespace(s2=1.0)) for s in found]  # fmt: skip
+                                 model=SimpleNamespace(s2=1.0, effort=Effort())) for s in found]  # fmt: skip
         return tried, 1.0
 
     def scores_of(current, model, floor, modes, tries):
@@ -100,7 +101,7 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, foll
     begun, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
     result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
     result.without = None
-    late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0), fine=False)
+    late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0, effort=Effort()), fine=False)
     here, there = (Spot(place=place, coefficients=0.0, theta=0.0) for place in ("here", "there"))
     shown = property(lambda tried: here if tried.stays else there)
     for name, value in {"tuned": result, "spot": shown, "following": None, "staying": 0}.items():
@@ -113,6 +114,6 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, foll
     monkeypatch.setattr(leaders, "beyond", lambda tried, *_: begun.append("beyond") or tried)
     given = [SimpleNamespace(cause=SimpleNamespace(name="late", laws=lambda scene: ()))]
     current = SimpleNamespace(cause="another", scene=None)
-    found = leaders.refitted(given, current, SimpleNamespace(s2=9.0), 1.0, None, str, beside=before)
+    found = leaders.refitted(given, current, SimpleNamespace(s2=9.0, effort=Effort()), 1.0, None, str, beside=before)
     assert begun == followed
     assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from veo_ti.diagnosis import looks
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.placing import Spot
 
 
@@ -17,7 +18,7 @@ def tried(monkeypatch):
     they are rough."""
     found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0)
     found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
-    model = SimpleNamespace(s2=2.0, basis=SimpleNamespace(stiffer=lambda a, nats: a))
+    model = SimpleNamespace(s2=2.0, effort=Effort(), basis=SimpleNamespace(stiffer=lambda a, nats: a))
     known = {"tuned": found, "following": model, "staying": 10.0}
 
     def make(left: float) -> looks.Tried:
@@ -78,7 +79,7 @@ def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(l
 
     def tried(left: float) -> SimpleNamespace:
         tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=None, without=None, coefficients=None)
-        return SimpleNamespace(tuned=tuned, following=None, left=left)
+        return SimpleNamespace(tuned=tuned, following=None, left=left, model=SimpleNamespace(effort=Effort()))
 
     monkeypatch.setattr(looks, "refit", lambda *_, **more: None)
     monkeypatch.setattr(looks.Tried, "of", lambda *_, **more: tried(next(fits)))

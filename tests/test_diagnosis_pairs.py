@@ -16,6 +16,7 @@ from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
 from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.columns import directions_of
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.refit import refit
@@ -24,6 +25,7 @@ from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import Candidate, named, unexplained
 
 FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), np.array([0.02, 0.0, 3e-3, 0.0])
+LASTING = SimpleNamespace(effort=Effort())  # a model
 
 
 class OtherForce(HiddenForce):
@@ -210,7 +212,7 @@ def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone
     monkeypatch.setattr(pairs, "look", lambda *given, **more: found)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)
     monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: moved)
-    given = lambda c: (None, 1.0), None, [both.second], str, lambda more: replace(alone, verdict=named(both.first))
+    given = lambda c: (LASTING, 1.0), None, [both.second], str, lambda more: replace(alone, verdict=named(both.first))
     said = pairs.two_at_once(alone, *given)
     assert [r.verdict.causes[0].name for r in said] == names
 

@@ -32,7 +32,7 @@ OPTIONS = IdentifyOptions(fit=FitOptions(modes=6, ratio_modes=0, iterations=4))
 FEW = ("hidden_force", "force_direction", "camera_scale", "gravity_direction", "strain_stiffening")
 CAUSES = tuple(cause for cause in CATALOGUE if cause.name in FEW)
 KEYS = {
-    "limits", "finished",
+    "limits", "finished", "steps",
     "verdict", "sentence", "causes", "ambiguous_with", "separating_experiment", "ranking", "noise_mm",
     "noise_correlation", "outlier_share", "misfit_z", "misfit_z_after", "rounds", "error_mm", "seconds",
 }  # fmt: skip

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnosis_pairs import pair, unexplained_by
+from test_diagnosis_pairs import LASTING, pair, unexplained_by
 
 from veo_ti.diagnosis import pairs
 
@@ -25,7 +25,7 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
     monkeypatch.setattr(pairs, "look", look)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)
     monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
-    said = pairs.two_at_once(alone, lambda c: (None, 1.0), None, [b], str, None)
+    said = pairs.two_at_once(alone, lambda c: (LASTING, 1.0), None, [b], str, None)
     assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave
     assert [r.verdict.causes[0].name for r in said] == ["b", "c"]
 
@@ -34,7 +34,7 @@ def test_no_further_start_is_tried_where_the_first_two_found_no_second_cause(mon
     starts = tuple(replace(pair(n, "y", 10).first, explained=e) for n, e in (("a", 0.9), ("b", 0.89), ("c", 0.88)))
     alone, nothing, asked = unexplained_by(*starts), unexplained_by(), []
     monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
-    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
+    assert pairs.two_at_once(alone, lambda c: (LASTING, 1.0), None, [starts[0]], str, None) is None
     assert asked == ["a", "b"]
 
 
@@ -44,5 +44,5 @@ def test_where_none_explains_half_a_second_is_looked_for_beside_the_best_one(exp
     starts = [replace(pair(n, "y", 10).first, explained=e) for n, e in zip("ab", explained, strict=True)]
     alone, nothing, asked = unexplained_by(*starts), unexplained_by(), []
     monkeypatch.setattr(pairs, "look", lambda current, *_, **more: asked.append(current.cause.name) or nothing)
-    assert pairs.two_at_once(alone, lambda c: (None, 1.0), None, [starts[0]], str, None) is None
+    assert pairs.two_at_once(alone, lambda c: (LASTING, 1.0), None, [starts[0]], str, None) is None
     assert asked == tried

@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from test_diagnosis_pairs import pair, unexplained_by
+from test_diagnosis_pairs import LASTING, pair, unexplained_by
 
 from veo_ti.diagnosis import run
 from veo_ti.diagnosis.verdict import Verdict, named
@@ -28,7 +28,7 @@ def test_what_explains_nearly_all_as_well_may_be_it(other, second, kind, names, 
     """`a` explains more than `b`, which was not refitted at first."""
     a, b = left_by("a", 0.99), left_by("b", other)
     first = replace(unexplained_by(a), verdict=named(a))
-    start = SimpleNamespace(given=(), beside=None, modes=None)
+    start = SimpleNamespace(given=(), beside=None, modes=None, model=LASTING)
     more = replace(unexplained_by(), verdict=Verdict(kind=second, causes=(), sentence=""))
     monkeypatch.setattr(run, "_second", lambda *given: more)
     monkeypatch.setattr(run, "widened", lambda found, *given: replace(found, candidates=(a, b)))
@@ -55,6 +55,6 @@ def test_what_leaves_clearly_more_than_a_little_that_nothing_explains_is_no_name
     more = replace(unexplained_by(), verdict=Verdict(kind=second, causes=(), sentence=""))
     monkeypatch.setattr(run, "_second", lambda *given: more)
     monkeypatch.setattr(run, "widened", lambda found, *given: found)
-    found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None), [], str)
+    found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [], str)
     assert found[0].verdict.kind == kind
     assert (len(found), found[0].extended) == ((2, a.refit) if kind == "named" else (1, None))

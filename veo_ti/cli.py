@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter
 
 from veo_ti import cli_capture, cli_footage, cli_reconstruct
+from veo_ti.diagnosis.effort import STEPS
 
 app = App(
     name="veo",
@@ -73,14 +74,23 @@ def identify(
 
 @app.command
 def diagnose(
-    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, second: bool = True
+    source: Annotated[str, Parameter(name="INPUT")],
+    *,
+    out: Path,
+    modes: int = 80,
+    every: int = 4,
+    second: bool = True,
+    effort: float = STEPS,
 ) -> dict[str, object]:
     """Say what a simulation of INPUT gets wrong, which physical cause explains it, and what knowing it gains.
 
-    Other parameters are those of `veo run`.
+    Other parameters are those of `veo run`. A folder of beam takes has one look only.
 
     Parameters
     ----------
+    effort
+        Newton's steps of all frames, after which it ends with what it knows; counted, not timed, so that the same data
+        give the same answer on any machine.
     second
         Look for a second cause, and for two at once where none alone explains what is wrong. That may take several
         times as long; what the first look said is in diagnosis.json meanwhile.
@@ -90,7 +100,7 @@ def diagnose(
         return _beam_diagnosis(folder, out)
     from veo_ti.commands import diagnose_source
 
-    return diagnose_source(source, out, modes=modes, every=every, second=second)
+    return diagnose_source(source, out, modes=modes, every=every, second=second, effort=effort)
 
 
 @app.command

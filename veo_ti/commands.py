@@ -15,6 +15,7 @@ from sim.fit import FitState
 from sim.terms.base import Term
 from sim.terms.contact import Contact, contact_alpha
 from veo_ti.diagnosis.causes import CATALOGUE
+from veo_ti.diagnosis.effort import STEPS
 from veo_ti.diagnosis.facts import facts
 from veo_ti.diagnosis.report import write_diagnosis
 from veo_ti.diagnosis.run import diagnose
@@ -40,9 +41,13 @@ def identify_source(
     return {**metrics, "diagnosis": _diagnosed(result, out)} if diagnosed else metrics
 
 
-def diagnose_source(source: str, out: Path, *, modes: int, every: int, second: bool) -> dict[str, object]:
+def diagnose_source(
+    source: str, out: Path, *, modes: int, every: int, second: bool, effort: float
+) -> dict[str, object]:  # fmt: skip
     """`veo diagnose`: the facts of the written folder."""
-    return _diagnosed(identified(Observation.load(source), out, modes, every, paper=False), out, second=second)
+    require(effort > 0, "effort", "be positive", effort)
+    found = identified(Observation.load(source), out, modes, every, paper=False)
+    return _diagnosed(found, out, second=second, effort=effort)
 
 
 def identified(observation: Observation, out: Path, modes: int, every: int, paper: bool) -> Identification:
@@ -56,11 +61,13 @@ def identified(observation: Observation, out: Path, modes: int, every: int, pape
         return identify(observation, options=options, checkpoints=out, progress=advance)
 
 
-def _diagnosed(result: Identification, out: Path, *, second: bool = True) -> dict[str, object]:
+def _diagnosed(
+    result: Identification, out: Path, *, second: bool = True, effort: float = STEPS
+) -> dict[str, object]:  # fmt: skip
     """One that is interrupted leaves what the first look said."""
     with waiting("diagnosis") as say:
         found = diagnose(
-            result, CATALOGUE, second=second, progress=say,
+            result, CATALOGUE, second=second, effort=effort, progress=say,
             so_far=lambda first: write_json_atomic(out / "diagnosis.json", facts(first)),
         )  # fmt: skip
     written = write_diagnosis(found, out)

@@ -8,6 +8,7 @@ from sim.basis import Basis
 from sim.fit import guess_modulus
 from sim.solvers import KeptSolver
 from veo_ti.diagnosis.columns import discretisation
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.looks import CLOSER, LOOKS, WORTH, Progress
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, counted, measure_noise
@@ -43,7 +44,7 @@ class Baseline:
         return replace(self.model, s2=counted(left, less, self.modes), prior=prior), less.variance
 
     @classmethod
-    def of(cls, identification: Identification, say: Progress) -> "Baseline":
+    def of(cls, identification: Identification, say: Progress, effort: Effort | None = None) -> "Baseline":
         """The identified material, fitted again together with the discretisation.
 
         There is no more noise than it leaves, and fewer outliers than before: it is repeated with what it leaves, under
@@ -58,7 +59,10 @@ class Baseline:
         extra, state = discretisation(scene), identification.fit.state
         prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
         solver = KeptSolver.of(scene.energy, len(scene.y))
-        model = Model(basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver)
+        model = Model(
+            basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver,
+            effort=effort or Effort(),
+        )  # fmt: skip
         say("baseline")
         found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))
         for _ in range(LOOKS):

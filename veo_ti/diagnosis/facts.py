@@ -41,6 +41,7 @@ def facts(diagnosis: Diagnosis) -> dict[str, object]:
         "error_mm": _errors(diagnosis),
         "limits": list(limits(diagnosis.baseline.scene)),
         "seconds": _plain(diagnosis.seconds),
+        "steps": _plain(diagnosis.steps),
     }
 
 

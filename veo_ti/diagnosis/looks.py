@@ -92,7 +92,7 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
     """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
     refitted material; to the end if it leaves little `enough`. As it was, if that leads away; another place must leave
     less, and clearly less for there to be yet another."""
-    if tried.spent or tried.left > NEARBY * least:
+    if tried.spent or tried.model.effort.over or tried.left > NEARBY * least:
         return tried
     result, s2, spot = tried.tuned, tried.left, tried.spot
     cause, more = result.cause, result.evidence(s2) - tried.result.evidence(s2)
@@ -127,7 +127,7 @@ def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
     for _ in range(_BEYOND):
         result = tried.tuned
         closer = result.cause.closer(result.scene, result.theta, result.place)
-        if closer is None:
+        if closer is None or tried.model.effort.over:
             break
         say(f"{result.cause.name} beyond the first order")
         place, theta = closer

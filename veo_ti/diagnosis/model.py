@@ -1,6 +1,6 @@
 """The model that a cause joins, and what a fit of it found."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from sim.solvers import Solver
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.columns import Known
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.moments import Fingerprints
 from veo_ti.diagnosis.scene import Scene
 
@@ -36,6 +37,7 @@ class Model:
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
     solver: Solver  # for equilibria of all frames
+    effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis
 
     def tuned(self, normal: Normal, prior: np.ndarray, s2: float) -> np.ndarray:
         """The prior variances with the material's length and amplitude that have the highest evidence at s2 [m2].

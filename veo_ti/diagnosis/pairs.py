@@ -93,8 +93,10 @@ def two_at_once(
     lone: list[Refit] = []
 
     def beside(start: Candidate) -> None:
-        say(f"two at once, {start.name} and another")
         model, floor = narrower(start.refit)
+        if model.effort.over:
+            return
+        say(f"two at once, {start.name} and another")
         others = [c for c in causes if c.name != start.name]
         least = min((p.found.least for p in pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)

@@ -9,6 +9,7 @@ from sim.energy import Energy
 from sim.evidence import Normal
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.columns import directions_of
+from veo_ti.diagnosis.effort import LINEARISATION
 from veo_ti.diagnosis.model import Model, change_of, shown_by
 from veo_ti.diagnosis.moments import Along, Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
@@ -84,6 +85,7 @@ class Problem:
 
     def linearised(self, scene: Scene, coefficients: np.ndarray, theta: np.ndarray) -> "Line":
         """Fresh fingerprints."""
+        self.model.effort.spend(LINEARISATION)
         cause, place = self.cause, self.place
         own = [] if cause is None else directions_of(cause, scene, place, theta)
         found = moments(

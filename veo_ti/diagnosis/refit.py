@@ -17,6 +17,7 @@ _STEPS = 12
 _LEAST = 0.5  # predicted gain [nats] below which the fit is done
 _SHARE, _ROUGH = 1e-3, 1e-2  # of the cost, likewise; and where a rough fit will do
 _STALLED = 0.5  # of that, less than which a step may not bring with fresh fingerprints
+_SLOW, _CREEPING = 0.01, 3  # of the cost, that a step may bring at least; and times less, after which the fit ends
 _ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _CAUTION = 1.5  # largest change of log mu in one step
 _DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times; and
@@ -50,21 +51,23 @@ def refit(
     is made unless it leads to no equilibrium. History (viscous strain, damage, set) belongs to the motion that it
     leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost or leads to no
     equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
-    several steps; they are renewed where a step with old ones brings less than it promised. rough: to a hundredth
-    of the cost. most: of the cost, known to be had elsewhere; given up where not even the whole way promises less.
+    several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
+    next to an instability, ends unconverged. rough: to a hundredth of the cost. most: of the cost, known to be had
+    elsewhere; given up where not even the whole way promises less.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem = Problem.of(scene, model, cause, place)
     state, cost = _best_start(problem, scene, start, theta, shift, since)
-    line, fresh, damping = _linearised(problem, state), True, 0.0
+    line, fresh, damping, slow = _linearised(problem, state), True, 0.0, 0
     for made in range(_STEPS + 1):
         way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
-        if way.gain < least or way.broken(cost) or made == _STEPS or cost - way.gain > most:
+        if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
             break
         smaller, step, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is not None and fresh:
             smaller = _shortened(problem, state, cost, way, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
+        slow += 0 < brought < _SLOW * cost
         stalled = brought < _STALLED * least
         if stalled and fresh:
             break

@@ -36,6 +36,7 @@ def _wrong(found: Mapping, pictures: Mapping[str, Path]) -> Section:
         ["noise per coordinate [mm]", found["noise_mm"]],
         ["residuals that make one independent one", found["noise_correlation"]],
         ["outliers left out", f"{found['outlier_share']:.2%}"],
+        ["Newton's steps of all frames", found["steps"]],
         ["seconds", found["seconds"]],
     ]
     text = (

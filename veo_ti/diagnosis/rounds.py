@@ -25,6 +25,7 @@ from veo_ti.diagnosis.verdict import (
     nothing,
     stands,
     sufficient,
+    unexplained,
 )
 from veo_ti.diagnosis.visible import Left
 
@@ -88,6 +89,8 @@ def look(
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     verdict = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED)
+    if verdict.kind == "named" and model.effort.over:  # another may have needed the looks that it did not get
+        verdict = unexplained(verdict.causes)
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
         verdict = nothing(faint=True)

@@ -4,8 +4,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from sim.checks import require
 from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.effort import STEPS, Effort
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.model import OURS, Refit
@@ -39,7 +41,8 @@ class Diagnosis:
     untestable: dict[str, str]  # cause -> why
     gain: Gain | None
     seconds: float
-    finished: bool = True  # whether what is beside the first look was looked for, too
+    steps: float  # of Newton's for all frames, that it took
+    finished: bool = True  # whether all was looked for that was worth a look
 
     @property
     def verdict(self) -> Verdict:
@@ -53,16 +56,18 @@ class Diagnosis:
 
 
 def diagnose(
-    identification: Identification, causes: Sequence[Cause], *, second: bool = True, progress: Progress | None = None,
-    so_far: Callable[[Diagnosis], None] | None = None,
+    identification: Identification, causes: Sequence[Cause], *, second: bool = True, effort: float = STEPS,
+    progress: Progress | None = None, so_far: Callable[[Diagnosis], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what an identified object's simulation gets wrong.
 
     second: after the first look, look for another cause in what is left, or for two at once, which may take several
-    times as long; so_far is given what the first look says before that.
+    times as long; so_far is given what the first look says before that. effort: Newton's steps of all frames, after
+    which no further look begins; what such a look would have said is not guessed.
     """
+    require(effort > 0, "effort", "be positive", effort)
     began, say = time.perf_counter(), progress or (lambda text: None)
-    start = Baseline.of(identification, say)
+    start = Baseline.of(identification, say, Effort(most=effort))
     reasons = {cause.name: cause.untestable(start.refit.scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
@@ -72,6 +77,7 @@ def diagnose(
             identification=identification, noise=start.noise, baseline=start.refit, final=final, rounds=tuple(rounds),
             untestable={name: reason for name, reason in reasons.items() if reason}, finished=finished,
             gain=_gain(identification, start, final), seconds=time.perf_counter() - began,
+            steps=start.model.effort.spent,
         )  # fmt: skip
 
     first = look(*start.given, open_causes, say)
@@ -80,7 +86,7 @@ def diagnose(
     rounds = _rounds(first, start, open_causes if second else (), say)
     if len(rounds) == 1:
         rounds = [told_apart(rounds[0], start.refit, start.model, rounds[0].s2, say)]
-    return told(rounds, finished=True)
+    return told(rounds, finished=not start.model.effort.over)
 
 
 def _gain(identification: Identification, start: Baseline, final: Refit) -> Gain | None:
@@ -101,11 +107,14 @@ def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progres
 
     Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
     nearly all as well: either may be there, beside something else. Without such another, the cause itself may only
-    imitate what is there, if what it leaves is clear and more than a little.
+    imitate what is there, if what it leaves is clear and more than a little. A look that the effort did not last for
+    says nothing.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
         more = _second(found[0], start, causes, say)
+        if start.model.effort.over:
+            return [_unexplained(first)] if leaves_much(found[0]) else [first]
         if more is None or more.verdict.kind != "unexplained":
             return [first] if more is None else [first, more]
         wider = widened(first, *start.given, say)
@@ -145,4 +154,5 @@ def _pair(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress,
     def again(more: Sequence[Refit]) -> Round:
         return with_more(alone, more, *start.given)
 
-    return list(two_at_once(alone, start.beside, start.modes, causes, say, again, but=but) or [alone])
+    pair = two_at_once(alone, start.beside, start.modes, causes, say, again, but=but)
+    return [alone] if pair is None or start.model.effort.over else list(pair)

@@ -17,6 +17,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     text = told[diagnosis.verdict.kind](diagnosis)
     if diagnosis.noise.outlier_share > _STRAY:
         text += f" Of the tracked positions {diagnosis.noise.outlier_share:.1%} are stray and were left out."
+    if not diagnosis.finished:
+        text += " What else may be wrong was not looked for to the end."
     known = diagnosis.identification.object.force_scale_known
     return text if known else f"{text} Forces are known up to scale only, so their sizes are relative."
 

@@ -89,6 +89,7 @@ def _through_time(
         settle, remembered, layout=Layout.of(problem.base.elastic), options=NEWTON, still=_NEAR * still, stalled=still
     )
     settled = to_its_end(scene.y, factors=factors, patient=False)
+    problem.model.effort.spend(settled.equilibrium.iterations.mean())
     if not settled.equilibrium.converged:
         at = scene.moved(energy, settled.equilibrium.y)
         nearer, equilibrium = _in_rounds(
@@ -97,6 +98,7 @@ def _through_time(
         if equilibrium.converged and hopeless(nearer):
             return nearer, equilibrium, None
         settled = to_its_end(nearer.y if equilibrium.converged else at.y)
+        problem.model.effort.spend(settled.equilibrium.iterations.mean())
     return scene.moved(settled.energy, settled.equilibrium.y), settled.equilibrium, settled.factors
 
 
@@ -115,6 +117,7 @@ def _in_rounds(
         change = problem.change(scene.of_material(energy.elastic.m), theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
         equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.model.solver)
+        problem.model.effort.spend(equilibrium.iterations.mean())
         found = scene.moved(extended, equilibrium.y)
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
         settled = np.sqrt(((found.y - scene.y) ** 2).mean()) < still
