@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-STEPS = 600.0  # docs/diagnosis.md says how long they take
+STEPS = 1200.0  # docs/diagnosis.md says how long they take
 LINEARISATION = 3.0  # steps that one takes as long as
 
 
