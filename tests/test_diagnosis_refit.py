@@ -9,8 +9,9 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.problem import Problem
-from veo_ti.diagnosis.refit import _linearised, _shortened, _tried, _Way, refit
+from veo_ti.diagnosis.refit import _shortened, _tried, refit
 from veo_ti.diagnosis.solved import solved
+from veo_ti.diagnosis.way import Reached
 
 MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
 
@@ -59,7 +60,7 @@ def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F
     problem = Problem.of(measured, replace(model, s2=NOISE**2))
     state = solved(problem, measured, start, np.zeros(0))
     cost = problem.cost(state.scene, start, state.theta)
-    way = _Way.of(problem, _linearised(problem, state), state)
+    way = Reached.of(problem, state).way(problem)
     ends = {times: _tried(problem, state, cost, times * way.change, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
     assert _shortened(problem, state, cost, way, way.change, ends[1.0]) is ends[1.0]
     brought = cost - _shortened(problem, state, cost, way, 2 * way.change, ends[2.0])[1]

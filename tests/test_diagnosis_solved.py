@@ -12,8 +12,9 @@ from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import PermanentSet, Softening, StiffnessDrift, Viscoelasticity
 from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.problem import Problem
-from veo_ti.diagnosis.refit import _linearised, _lower, _Way
+from veo_ti.diagnosis.refit import _lower
 from veo_ti.diagnosis.solved import Solved, solved
+from veo_ti.diagnosis.way import Reached, Way
 
 STRONG = {Viscoelasticity: 2.0, PermanentSet: 0.4, Softening: 0.7}
 
@@ -82,7 +83,7 @@ def test_columns_are_slopes_of_the_motion_with_its_history(cause, scene, model, 
         return solved(problem, scene, unknowns[:n], unknowns[n:])
 
     here = np.array([*np.full(n, 0.1), STRONG[type(cause)]])
-    columns = _linearised(problem, at(here)).kept
+    columns = Reached.of(problem, at(here)).line.kept
     for k in (2, n):
         step = h * np.eye(n + 1)[k]
         slope = (at(here + step).scene.y - at(here - step).scene.y) / (2 * h)
@@ -103,12 +104,12 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
         return np.inf if trial.coefficients[0] > 0.15 else -trial.coefficients[0]
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
-    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", cost)
+    monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", cost)
     here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(1), theta=np.zeros(0))
     free = SimpleNamespace(
         within=lambda step, most: 1.0, stepped=lambda theta, change: theta, turned=lambda theta, before: False
     )  # fmt: skip
-    way = _Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
+    way = Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
 
     def lower(damping: float) -> tuple[float, float]:
         _, step, less = _lower(free, here, 0.0, way, damping, 5)
@@ -119,7 +120,7 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     assert step == pytest.approx(1 / 11) and damping == 10.0
     assert way.promised(np.array([step])) == pytest.approx(1 / 11 * (1 - 1 / 22))
     assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
-    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: -trial.coefficients[0])
+    monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: -trial.coefficients[0])
     assert lower(0.0) == pytest.approx((1.0, 0.0))  # Newton's own step, as long as there always is one
 
 
@@ -132,12 +133,12 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
         return SimpleNamespace(coefficients=coefficients, theta=theta)
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
-    monkeypatch.setattr("veo_ti.diagnosis.refit._cost", lambda problem, trial: float(trial.theta[0]))
+    monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: float(trial.theta[0]))
     beta = StrainStiffening()
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
     monkeypatch.setattr(Problem, "within", lambda self, step, most: 1.0)
     here = SimpleNamespace(scene=None, factors=None, coefficients=np.zeros(0), theta=np.array([1.0]))
-    way = _Way(normal=None, found=None, change=np.array([-1.5]), curvature=np.eye(1))
+    way = Way(normal=None, found=None, change=np.array([-1.5]), curvature=np.eye(1))
     (state, _), _, damping = _lower(problem, here, 1.0, way, 0.0, 5)
     assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and damping == 1.0
     assert problem.turned(np.array([-0.1]), np.array([0.1]))
@@ -149,7 +150,7 @@ def test_a_damped_step_goes_down_and_promises_less():
     random = np.random.default_rng(4)
     root, bottom = random.normal(size=(5, 5)), random.normal(size=5)
     curvature = root @ root.T + np.eye(5)
-    way = _Way(normal=None, found=None, change=bottom, curvature=curvature)
+    way = Way(normal=None, found=None, change=bottom, curvature=curvature)
 
     def cost(x: np.ndarray) -> float:
         return float(0.5 * (x - bottom) @ curvature @ (x - bottom))

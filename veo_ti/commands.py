@@ -64,10 +64,10 @@ def identified(observation: Observation, out: Path, modes: int, every: int, pape
 def _diagnosed(
     result: Identification, out: Path, *, second: bool = True, effort: float = STEPS
 ) -> dict[str, object]:  # fmt: skip
-    """One that is interrupted leaves what the first look said."""
+    """One that is interrupted leaves what the first look said, and goes on when called again."""
     with waiting("diagnosis") as say:
         found = diagnose(
-            result, CATALOGUE, second=second, effort=effort, progress=say,
+            result, CATALOGUE, second=second, effort=effort, checkpoints=out, progress=say,
             so_far=lambda first: write_json_atomic(out / "diagnosis.json", facts(first)),
         )  # fmt: skip
     written = write_diagnosis(found, out)

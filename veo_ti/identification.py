@@ -58,6 +58,11 @@ class Identification:
     stream: Stream | None = None  # how wide an air stream is that nobody measured
 
     @property
+    def key(self) -> str:
+        """A fingerprint of everything that it depends on."""
+        return _key(self.observation, self.options)
+
+    @property
     def metrics(self) -> dict[str, object]:
         """The numbers of `metrics.json`."""
         errors = {name: self._tables(part) for name, part in self._evaluations.items()}

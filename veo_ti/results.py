@@ -41,7 +41,7 @@ def write_identification(
 
 
 def remove_checkpoints(folder: Path) -> None:
-    """Delete what an interrupted identification would have gone on from."""
+    """Delete what an interrupted identification or diagnosis would have gone on from."""
     for checkpoint in folder.glob("checkpoint_*.npz"):
         checkpoint.unlink()
 

@@ -7,6 +7,7 @@ import numpy as np
 from sim.basis import Basis
 from sim.fit import guess_modulus
 from sim.solvers import KeptSolver
+from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.looks import CLOSER, LOOKS, WORTH, Progress
@@ -44,7 +45,10 @@ class Baseline:
         return replace(self.model, s2=counted(left, less, self.modes), prior=prior), less.variance
 
     @classmethod
-    def of(cls, identification: Identification, say: Progress, effort: Effort | None = None) -> "Baseline":
+    def of(
+        cls, identification: Identification, say: Progress, effort: Effort | None = None,
+        checkpoints: Checkpoints | None = None,
+    ) -> "Baseline":  # fmt: skip
         """The identified material, fitted again together with the discretisation.
 
         There is no more noise than it leaves, and fewer outliers than before: it is repeated with what it leaves, under
@@ -61,7 +65,7 @@ class Baseline:
         solver = KeptSolver.of(scene.energy, len(scene.y))
         model = Model(
             basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver,
-            effort=effort or Effort(),
+            effort=effort or Effort(), checkpoints=checkpoints or Checkpoints(),
         )  # fmt: skip
         say("baseline")
         found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))

@@ -10,6 +10,7 @@ from sim.evidence import Normal, left_out, posterior
 from sim.solvers import Solver
 from veo_ti.diagnosis.causes.base import Cause, Change
 from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.moments import Fingerprints
@@ -37,7 +38,8 @@ class Model:
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
     solver: Solver  # for equilibria of all frames
-    effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis
+    effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis, and
+    checkpoints: Checkpoints = field(default_factory=Checkpoints)  # likewise
 
     def tuned(self, normal: Normal, prior: np.ndarray, s2: float) -> np.ndarray:
         """The prior variances with the material's length and amplitude that have the highest evidence at s2 [m2].

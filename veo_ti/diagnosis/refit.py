@@ -1,24 +1,22 @@
 """A cause fitted for real: its parameters, the material and the discretisation together, by nonlinear solves."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sim.direct import DirectFactors
-from sim.evidence import Normal, Posterior, jackknife, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.model import Model, Refit
-from veo_ti.diagnosis.problem import Line, Problem
+from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
+from veo_ti.diagnosis.way import LEAST, SHARE, Reached, Way, cost_of
 
 _STEPS = 12
-_LEAST = 0.5  # predicted gain [nats] below which the fit is done
-_SHARE, _ROUGH = 1e-3, 1e-2  # of the cost, likewise; and where a rough fit will do
+_ROUGH = 1e-2  # share of the cost, a predicted gain below which a rough fit is done
 _STALLED = 0.5  # of that, less than which a step may not bring with fresh fingerprints
 _SLOW, _CREEPING = 0.01, 3  # of the cost, that a step may bring at least; and times less, after which the fit ends
-_ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _CAUTION = 1.5  # largest change of log mu in one step
 _DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times; and
 _FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less is hardly shorter
@@ -27,8 +25,6 @@ _TRIES_WITH_OLD = 2  # with old fingerprints
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
 _PART = 0.8  # of a step, longer than which its best part is no other
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
-_PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
-_T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
 
 
 def refit(
@@ -56,11 +52,15 @@ def refit(
     elsewhere; given up where not even the whole way promises less.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
-    problem = Problem.of(scene, model, cause, place)
+    problem, name = Problem.of(scene, model, cause, place), "" if cause is None else cause.name
+    asked = np.concatenate([start, theta, [np.log(model.s2)]])
+    known = model.checkpoints.next(name, asked)
+    if known is not None:
+        return Reached.again(problem, scene, known).result(problem)
     state, cost = _best_start(problem, scene, start, theta, shift, since)
-    line, fresh, damping, slow = _linearised(problem, state), True, 0.0, 0
+    end, fresh, damping, slow = Reached.of(problem, state), True, 0.0, 0
     for made in range(_STEPS + 1):
-        way, least = _Way.of(problem, line, state), max(_LEAST, (_ROUGH if rough else _SHARE) * cost)
+        way, least = end.way(problem), max(LEAST, (_ROUGH if rough else SHARE) * cost)
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
             break
         smaller, step, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
@@ -73,71 +73,9 @@ def refit(
             break
         state, cost = smaller or (state, cost)
         fresh = stalled or brought < _KEPT * way.promised(step)
-        if fresh:
-            line = _linearised(problem, state)
-    return _result(problem, state, cost, way, line)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Way:
-    """From a state to the most probable unknowns of its linearisation."""
-
-    normal: Normal
-    found: Posterior
-    change: np.ndarray  # of all unknowns
-    curvature: np.ndarray  # of the cost
-
-    @classmethod
-    def of(cls, problem: Problem, line: Line, state: Solved) -> "_Way":
-        """By fingerprints of this state or of one nearby."""
-        s2, prior = problem.model.s2, problem.prior
-        normal = line.normal(state.scene, state.coefficients, state.theta)
-        found = posterior(normal, prior, np.sqrt(s2))
-        change = found.mean - np.concatenate([state.coefficients, state.theta])
-        return cls(normal=normal, found=found, change=change, curvature=normal.A / s2 + np.diag(1 / prior))
-
-    @property
-    def gain(self) -> float:
-        """Nats that it promises."""
-        return float(0.5 * self.change @ self.curvature @ self.change)
-
-    def broken(self, cost: float) -> bool:
-        """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
-        return not self.gain <= _ALL * cost
-
-    def at(self, problem: Problem, state: Solved) -> np.ndarray:
-        """The coefficients (K + E,) of the state, with the discretisation's part that is most probable beside them.
-
-        That of the linear optimum belongs to another material, and may be far off beside this one.
-        """
-        own, unknowns = slice(problem.materials, len(state.coefficients)), np.append(state.coefficients, state.theta)
-        left = (self.normal.b / problem.model.s2 - self.curvature @ unknowns)[own]
-        unknowns[own] += np.linalg.solve(self.curvature[own, own], left)
-        return unknowns[: len(state.coefficients)]
-
-    def damped(self, damping: float) -> np.ndarray:
-        """The step of a curvature with so much more of its diagonal."""
-        if not damping:
-            return self.change
-        diagonal = np.diag(np.diagonal(self.curvature))
-        return np.linalg.solve(self.curvature + damping * diagonal, self.curvature @ self.change)
-
-    def promised(self, step: np.ndarray) -> float:
-        """Nats by another step."""
-        return self.slope(step) - float(0.5 * step @ self.curvature @ step)
-
-    def slope(self, step: np.ndarray) -> float:
-        """Nats by it to first order."""
-        return float(step @ self.curvature @ self.change)
-
-
-def _linearised(problem: Problem, state: Solved) -> Line:
-    return problem.linearised(state.scene, state.coefficients, state.theta)
-
-
-def _cost(problem: Problem, state: Solved) -> float:
-    """Minus the log posterior; infinite where an equilibrium that counts was not found."""
-    return problem.cost(state.scene, state.coefficients, state.theta) if state.found else np.inf
+        end = Reached.of(problem, state) if fresh else replace(end, state=state)
+    model.checkpoints.keep(name, asked, end.arrays(problem))
+    return end.result(problem)
 
 
 def _best_start(
@@ -148,7 +86,7 @@ def _best_start(
     does."""
     if shift is None:
         state = solved(problem, scene, start, theta)
-        return state, _cost(problem, state)
+        return state, cost_of(problem, state)
     longest = problem.within(shift, _CAUTION)
     if since is None:
         shares, before = (longest, 0.3 * longest, 0.1 * longest, 0.0), np.zeros(len(theta))
@@ -160,14 +98,14 @@ def _best_start(
         if problem.turned(begun, before):
             continue
         state = solved(problem, scene, start + share * shift, begun, most=_HOPELESS * enough)
-        cost = _cost(problem, state)
+        cost = cost_of(problem, state)
         if cost < enough:
             break
     return state, cost
 
 
 def _lower(
-    problem: Problem, state: Solved, cost: float, way: _Way, damping: float, tries: int
+    problem: Problem, state: Solved, cost: float, way: Way, damping: float, tries: int
 ) -> tuple[tuple[Solved, float] | None, np.ndarray, float]:
     """Where the least damped of a few steps that lowers the cost leads, or None; the step; the damping to begin with
     next.
@@ -188,14 +126,14 @@ def _lower(
 
 
 def _shortened(
-    problem: Problem, state: Solved, cost: float, way: _Way, step: np.ndarray, whole: tuple[Solved, float]
+    problem: Problem, state: Solved, cost: float, way: Way, step: np.ndarray, whole: tuple[Solved, float]
 ) -> tuple[Solved, float]:
     """The whole step, or the part of it that a parabola through its slope and its end says to be best: where the cost
     curves more than its fingerprints tell, the minimum lies well before the end, and further steps do the same again.
     """
     slope, brought = way.slope(step), cost - whole[1]
     share = slope / (2 * (slope - brought))
-    if share > _PART or share * slope / 2 < brought + _LEAST:
+    if share > _PART or share * slope / 2 < brought + LEAST:
         return whole
     trial, lower = _tried(problem, state, cost, share * step, whole[0].factors)
     return (trial, lower) if lower < whole[1] else whole
@@ -210,21 +148,4 @@ def _tried(
     if problem.turned(theta, state.theta):
         return None, np.inf
     trial = solved(problem, state.scene, state.coefficients + step[:n], theta, factors, most=_HOPELESS * cost)
-    return trial, _cost(problem, trial)
-
-
-def _result(problem: Problem, state: Solved, cost: float, way: _Way, line: Line) -> Refit:
-    n, seen, root = len(state.coefficients), state.scene.target.seen, np.sqrt(problem.model.s2)
-    around = problem.around(state.coefficients, state.theta)
-    parts = line.kept.parts(problem.residual(state.scene, state.theta), seen, around, _PARTS)
-    sd = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), _T * jackknife(parts, problem.prior, root))
-    done = way.gain < max(_LEAST, 2 * _SHARE * cost)
-    broken = way.broken(cost)
-    short = np.inf if broken else way.gain
-    best = state.coefficients if broken else way.at(problem, state)
-    return Refit(
-        cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
-        covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,
-        normal=way.normal, prior=problem.prior, around=around, kept=line.kept, short=short, converged=bool(done),
-        numerics=problem.numerics(best),
-    )  # fmt: skip
+    return trial, cost_of(problem, trial)

@@ -3,10 +3,12 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from sim.checks import require
 from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.effort import STEPS, Effort
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
@@ -27,6 +29,7 @@ from veo_ti.diagnosis.verdict import (
 )
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
+from veo_ti.kept import key_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,17 +60,20 @@ class Diagnosis:
 
 def diagnose(
     identification: Identification, causes: Sequence[Cause], *, second: bool = True, effort: float = STEPS,
-    progress: Progress | None = None, so_far: Callable[[Diagnosis], None] | None = None,
+    checkpoints: Path | None = None, progress: Progress | None = None,
+    so_far: Callable[[Diagnosis], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what an identified object's simulation gets wrong.
 
     second: after the first look, look for another cause in what is left, or for two at once, which may take several
     times as long; so_far is given what the first look says before that. effort: Newton's steps of all frames, after
-    which no further look begins; what such a look would have said is not guessed.
+    which no further look begins; what such a look would have said is not guessed. checkpoints: a folder where every
+    fit's end is kept; an interrupted call with the same measurement, options and causes goes on from there.
     """
     require(effort > 0, "effort", "be positive", effort)
     began, say = time.perf_counter(), progress or (lambda text: None)
-    start = Baseline.of(identification, say, Effort(most=effort))
+    kept = Checkpoints(folder=checkpoints, key=key_of(identification.key, *(cause.name for cause in causes)))
+    start = Baseline.of(identification, say, Effort(most=effort), kept)
     reasons = {cause.name: cause.untestable(start.refit.scene) for cause in causes}
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 

@@ -1,0 +1,131 @@
+"""Where a fit is, and the way that its fingerprints tell from there."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.evidence import Normal, Posterior, jackknife, posterior
+from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.problem import Line, Problem
+from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.solved import Solved, solved
+
+LEAST = 0.5  # predicted gain [nats] below which a fit is done
+SHARE = 1e-3  # of the cost, likewise
+_ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
+_PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
+_T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
+_STATE = ("y", "coefficients", "theta")
+
+
+def cost_of(problem: Problem, state: Solved) -> float:
+    """Minus the log posterior; infinite where an equilibrium that counts was not found."""
+    return problem.cost(state.scene, state.coefficients, state.theta) if state.found else np.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """From a state to the most probable unknowns of its linearisation."""
+
+    normal: Normal
+    found: Posterior
+    change: np.ndarray  # of all unknowns
+    curvature: np.ndarray  # of the cost
+
+    @classmethod
+    def of(cls, problem: Problem, line: Line, state: Solved) -> "Way":
+        """By fingerprints of this state or of one nearby."""
+        s2, prior = problem.model.s2, problem.prior
+        normal = line.normal(state.scene, state.coefficients, state.theta)
+        found = posterior(normal, prior, np.sqrt(s2))
+        change = found.mean - np.concatenate([state.coefficients, state.theta])
+        return cls(normal=normal, found=found, change=change, curvature=normal.A / s2 + np.diag(1 / prior))
+
+    @property
+    def gain(self) -> float:
+        """Nats that it promises."""
+        return float(0.5 * self.change @ self.curvature @ self.change)
+
+    def broken(self, cost: float) -> bool:
+        """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
+        return not self.gain <= _ALL * cost
+
+    def at(self, problem: Problem, state: Solved) -> np.ndarray:
+        """The coefficients (K + E,) of the state, with the discretisation's part that is most probable beside them.
+
+        That of the linear optimum belongs to another material, and may be far off beside this one.
+        """
+        own, unknowns = slice(problem.materials, len(state.coefficients)), np.append(state.coefficients, state.theta)
+        left = (self.normal.b / problem.model.s2 - self.curvature @ unknowns)[own]
+        unknowns[own] += np.linalg.solve(self.curvature[own, own], left)
+        return unknowns[: len(state.coefficients)]
+
+    def damped(self, damping: float) -> np.ndarray:
+        """The step of a curvature with so much more of its diagonal."""
+        if not damping:
+            return self.change
+        diagonal = np.diag(np.diagonal(self.curvature))
+        return np.linalg.solve(self.curvature + damping * diagonal, self.curvature @ self.change)
+
+    def promised(self, step: np.ndarray) -> float:
+        """Nats by another step."""
+        return self.slope(step) - float(0.5 * step @ self.curvature @ step)
+
+    def slope(self, step: np.ndarray) -> float:
+        """Nats by it to first order."""
+        return float(step @ self.curvature @ self.change)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reached:
+    """A state, and fingerprints of it or of one before."""
+
+    state: Solved
+    line: Line
+    told: Solved  # which they are of
+
+    @classmethod
+    def of(cls, problem: Problem, state: Solved) -> "Reached":
+        """With fresh fingerprints."""
+        line = problem.linearised(state.scene, state.coefficients, state.theta)
+        return cls(state=state, line=line, told=state)
+
+    @classmethod
+    def again(cls, problem: Problem, scene: Scene, arrays: Mapping[str, np.ndarray]) -> "Reached":
+        """From its arrays, for the effort that was spent then."""
+
+        def there(name: str) -> Solved:
+            y, coefficients, theta = (arrays[f"{name}_{part}"] for part in _STATE)
+            return solved(problem, scene.moved(problem.energy(coefficients), y), coefficients, theta)
+
+        found = replace(cls.of(problem, there("told")), state=there("state"))
+        problem.model.effort.spent = float(arrays["spent"])
+        return found
+
+    def arrays(self, problem: Problem) -> dict[str, np.ndarray]:
+        """What that takes."""
+        found = {"spent": np.array(problem.model.effort.spent)}
+        for name, at in (("state", self.state), ("told", self.told)):
+            found |= dict(zip([f"{name}_{p}" for p in _STATE], [at.scene.y, at.coefficients, at.theta], strict=True))
+        return found
+
+    def way(self, problem: Problem) -> Way:
+        """On from here."""
+        return Way.of(problem, self.line, self.state)
+
+    def result(self, problem: Problem) -> Refit:
+        """What a fit that ends here found."""
+        state, kept, way, n = self.state, self.line.kept, self.way(problem), len(self.state.coefficients)
+        around, residual = problem.around(state.coefficients, state.theta), problem.residual(state.scene, state.theta)
+        parts = kept.parts(residual, state.scene.target.seen, around, _PARTS)
+        unsure = _T * jackknife(parts, problem.prior, np.sqrt(problem.model.s2))
+        sd, cost = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), unsure), cost_of(problem, state)
+        broken = way.broken(cost)
+        best = state.coefficients if broken else way.at(problem, state)
+        return Refit(
+            cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
+            covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,
+            normal=way.normal, prior=problem.prior, around=around, kept=kept, short=np.inf if broken else way.gain,
+            converged=way.gain < max(LEAST, 2 * SHARE * cost), numerics=problem.numerics(best),
+        )  # fmt: skip
