@@ -6,8 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
+from veo_ti.diagnosis.causes.surroundings import HiddenContact
 from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.score import Misfit
+from veo_ti.diagnosis.sentence import size
 from veo_ti.diagnosis.verdict import Candidate, judge, stands, sufficient
 from veo_ti.diagnosis.visible import Left
 
@@ -139,7 +142,7 @@ def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
 class Fitted(SimpleNamespace):
     """Parameters and their covariance."""
 
-    worth = Refit.worth
+    worth, beside_ours = Refit.worth, Refit.beside_ours
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0])
@@ -154,10 +157,31 @@ def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
 
 
-@pytest.mark.parametrize(("theta", "certain"), [((3.0, 0.1), True), ((-1.9, 1.0), False), ((-2.0, 0.0), True)])
-def test_a_cause_is_certain_where_one_parameter_is_two_deviations_from_nothing(theta, certain):
-    """Of two causes the second one's own parameters count."""
-    last = SimpleNamespace(theta=np.array(theta), spread=np.ones(2))
-    first = SimpleNamespace(theta=np.full(1, 9.0), spread=np.ones(1))
-    assert Refit.certain.fget(SimpleNamespace(apart=lambda: (last,))) == certain
-    assert Refit.certain.fget(SimpleNamespace(apart=lambda: (first, last))) == certain
+@pytest.mark.parametrize(
+    ("theta", "nats", "certain"),
+    [
+        ((3.0, 0.1), 0.0, True),
+        ((-1.9, 1.0), 0.0, False),
+        ((-2.0, 0.0), 0.0, True),
+        ((1.0, 0.0), 40.0, False),  # worth 50
+        ((1.0, 0.0), 150.0, False),  # a deviation counts for the root of three
+        ((1.0, 0.0), 250.0, True),  # of five: seed 2934, an obstacle that is certain, however stiff it is
+    ],
+)
+def test_a_cause_is_certain_where_one_parameter_is_two_deviations_from_nothing(theta, nats, certain):
+    """Of two causes the second one's own parameters count; the data leave a tenth of what frames leave."""
+    covariance = 1e-2 * np.eye(2)
+    last = Fitted(cause=None, theta=np.array(theta), sd=np.ones(2), covariance=covariance)
+    first = Fitted(cause=None, theta=np.full(1, 9.0), sd=np.ones(1), covariance=np.eye(1))
+    for parts in ((last,), (first, last)):
+        assert Refit.certain(SimpleNamespace(apart=lambda parts=parts: parts), nats) == certain
+
+
+def test_an_interval_of_what_is_positive_does_not_reach_zero():
+    low, high = HiddenContact().interval(np.array([2.0]), np.array([1.5]))
+    assert (low * high == pytest.approx(4.0)) and high / 2.0 == pytest.approx(np.exp(1.96 * 0.75))
+    assert size(HiddenContact(), np.array([2.0]), np.array([1.5])) == "stiffness 2 (0.46 to 8.7 Pa/m2)"
+    low, high = HiddenContact().interval(np.array([2.0]), np.array([0.5]))
+    assert (low, high) == (pytest.approx(2.0 - 0.98), pytest.approx(2.98))
+    low, high = ForceMagnitude().interval(np.array([2.0]), np.array([1.5]))  # either sign is possible
+    assert (low, high) == (pytest.approx(2.0 - 2.94), pytest.approx(4.94))

@@ -56,14 +56,14 @@ def _causes(diagnosis: Diagnosis) -> list[dict[str, object]]:
 
 def _cause(candidate: Candidate, refit: Refit, number: int) -> dict[str, object]:
     cause = refit.cause
+    ends = cause.interval(refit.theta, refit.spread)
     return {
         "name": cause.name, "round": number, "sentence": cause.sentence, "place": place(refit),
         "parameters": [
             {
-                "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(value - 1.96 * sd),
-                "high": _plain(value + 1.96 * sd),
+                "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(low), "high": _plain(high),
             }
-            for p, value, sd in zip(cause.parameters, refit.theta, refit.spread, strict=True)
+            for p, value, low, high in zip(cause.parameters, refit.theta, *ends, strict=True)
         ],
         "log_evidence_gain": _plain(candidate.gained), "explained": _plain(candidate.explained),
         "converged": bool(refit.converged),

@@ -79,18 +79,26 @@ class Refit:
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        return np.hypot(self.sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
+        return self.beside_ours(self.sd)
+
+    def beside_ours(self, sd: np.ndarray) -> np.ndarray:
+        """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
+        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
 
     @property
     def worth(self) -> float:
         """Nats that the parameters are worth, to second order: `theta^T C^-1 theta / 2`."""
         return float(self.theta @ np.linalg.solve(self.covariance, self.theta)) / 2
 
-    @property
-    def certain(self) -> bool:
-        """Whether the 95 % interval of one parameter, of two causes of the second one's, leaves out that it is zero."""
+    def certain(self, nats: float = 0.0) -> bool:
+        """Whether the 95 % interval of one parameter, of two causes of the second one's, leaves out that it is zero.
+
+        nats: what it costs that the cause is absent, if that is known. Where its effect saturates, as with how stiff an
+        obstacle is, that is far more than `worth`, and the interval on that side so much shorter.
+        """
         own = self.apart()[-1]
-        return bool((np.abs(own.theta) > 1.96 * own.spread).any())
+        more = max(1.0, nats / max(own.worth, 1e-300))
+        return bool((np.abs(own.theta) > 1.96 * own.beside_ours(own.sd / np.sqrt(more))).any())
 
     def evidence(self, s2: float) -> float:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""

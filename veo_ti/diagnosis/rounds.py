@@ -158,6 +158,7 @@ def _candidate(
         settled=result.converged or result.short < SHORT * gained,
         explained=1 - left.excess / max(before.excess, 1e-300),
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
-        coincidence=result.cause.coincidence(result.scene, result.theta, result.spread), certain=result.certain,
+        coincidence=result.cause.coincidence(result.scene, result.theta, result.spread),
+        certain=result.certain(gained if current.cause is None else 0.0),
         like_noise=Left.by(result.taken_in(), s2, noise, modes).like_noise,
     )  # fmt: skip

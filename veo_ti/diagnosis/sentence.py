@@ -40,8 +40,16 @@ def size(cause: Cause, theta: np.ndarray, sd: np.ndarray) -> str:
     stems = {name.rpartition("_")[0] for name in names}
     if len(names) == 3 and len(set(units)) == len(stems) == 1:
         return f"{stems.pop()} {amount(float(np.linalg.norm(theta)), units[0])}"
-    parts = zip(names, units, theta, sd, strict=True)
-    return ", ".join(f"{n} {amount(t, u).split(' ')[0]} ± {amount(1.96 * s, u)}" for n, u, t, s in parts)
+    parts = zip(names, units, theta, *cause.interval(theta, sd), strict=True)
+    return ", ".join(f"{n} {_between(t, low, high, u)}" for n, u, t, low, high in parts)
+
+
+def _between(value: float, low: float, high: float, unit: str) -> str:
+    """A value with the ends of its interval."""
+    bare, lowest = (amount(v, unit).split(" ")[0] for v in (value, low))
+    if np.isclose(value - low, high - value):
+        return f"{bare} ± {amount(high - value, unit)}"
+    return f"{bare} ({lowest} to {amount(high, unit)})"
 
 
 def place(refit: Refit) -> str:

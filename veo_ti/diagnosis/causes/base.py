@@ -136,6 +136,17 @@ class Cause:
         """Whether physics allows these parameters (d,), known to `spread` (d,)."""
         return bool((theta[self.positive] > 0).all())
 
+    def interval(self, theta: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The ends (d,) of 95 % intervals, `theta -+ 1.96 spread`.
+
+        Of a parameter that physics wants positive, and of which that reaches zero, `theta exp(-+ 1.96 spread / theta)`:
+        the interval of its logarithm.
+        """
+        reach = 1.96 * spread
+        scale = self.positive & (theta > 0) & (reach >= theta)
+        factor = np.exp(np.divide(reach, theta, out=np.zeros(len(theta)), where=scale))
+        return np.where(scale, theta / factor, theta - reach), np.where(scale, theta * factor, theta + reach)
+
     @property
     def lawful(self) -> bool:
         """Whether its parameters obey a law that those of others would by chance only."""
