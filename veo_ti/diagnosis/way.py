@@ -83,13 +83,13 @@ class Reached:
 
     state: Solved
     line: Line
-    told: Solved  # which they are of
+    told: Solved  # which they are of, without its factors, which take much room
 
     @classmethod
     def of(cls, problem: Problem, state: Solved) -> "Reached":
         """With fresh fingerprints."""
         line = problem.linearised(state.scene, state.coefficients, state.theta)
-        return cls(state=state, line=line, told=state)
+        return cls(state=state, line=line, told=replace(state, factors=None))
 
     @classmethod
     def again(cls, problem: Problem, scene: Scene, arrays: Mapping[str, np.ndarray]) -> "Reached":
