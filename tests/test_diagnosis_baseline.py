@@ -7,6 +7,8 @@ import pytest
 from blind import world
 
 from veo_ti.diagnosis.baseline import Baseline
+from veo_ti.diagnosis.checkpoints import Checkpoints
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.looks import CLOSER
 from veo_ti.diagnosis.noise import counted
 from veo_ti.identification import identify
@@ -22,7 +24,8 @@ def found(tmp_path_factory) -> SimpleNamespace:
     made = world.trial(SEED, (), size="small", setting="outliers")
     made.save(folder / "measurement.npz", folder / "truth.npz")
     identified = identify(Observation.load(folder / "measurement.npz"))
-    return SimpleNamespace(made=made, identified=identified, baseline=Baseline.of(identified, lambda text: None))
+    baseline = Baseline.of(identified, lambda text: None, Effort(), Checkpoints())
+    return SimpleNamespace(made=made, identified=identified, baseline=baseline)
 
 
 def test_the_residual_counts_as_what_the_baseline_itself_leaves(found):

@@ -60,7 +60,7 @@ def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F
     problem = Problem.of(measured, replace(model, s2=NOISE**2))
     state = solved(problem, measured, start, np.zeros(0))
     cost = problem.cost(state.scene, start, state.theta)
-    way = Reached.of(problem, state).way(problem)
+    way = Reached.of(problem, state).way
     ends = {times: _tried(problem, state, cost, times * way.change, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
     assert _shortened(problem, state, cost, way, way.change, ends[1.0]) is ends[1.0]
     brought = cost - _shortened(problem, state, cost, way, 2 * way.change, ends[2.0])[1]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_diagnosis_effort import identified  # noqa: F401
 from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from test_diagnosis_placing import creeping  # noqa: F401
 from test_diagnosis_report import CAUSES, HIDDEN, OPTIONS, observation
@@ -21,11 +22,6 @@ from veo_ti.diagnosis.run import Diagnosis, diagnose
 from veo_ti.identification import identify
 
 ASKED = np.array([1.0, -2.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def identified():
-    return identify(observation(HIDDEN), options=OPTIONS)
 
 
 def interrupted(*given):
@@ -54,7 +50,7 @@ def said(found: Diagnosis) -> list:
 
 
 @pytest.mark.parametrize("stop_at", [1, 2, 4])
-def test_only_what_was_not_done_is_done_again(stop_at, identified, tmp_path, monkeypatch):
+def test_only_what_was_not_done_is_done_again(stop_at, identified, tmp_path, monkeypatch):  # noqa: F811
     whole_names = begun(monkeypatch)
     whole = diagnose(identified, CAUSES)
     with pytest.raises(KeyboardInterrupt):
@@ -88,7 +84,7 @@ def test_a_history_is_taken_up_again(creeping, model, tmp_path):  # noqa: F811
     assert again.scene.y == pytest.approx(first.scene.y, abs=NOISE / 100)
 
 
-def test_another_measurement_begins_anew(identified, tmp_path, monkeypatch):
+def test_another_measurement_begins_anew(identified, tmp_path, monkeypatch):  # noqa: F811
     diagnose(identified, CAUSES, second=False, checkpoints=tmp_path)
     other = identify(observation(1.1 * HIDDEN), options=OPTIONS)
     names = begun(monkeypatch)

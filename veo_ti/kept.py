@@ -22,18 +22,21 @@ def key_of(*parts: object) -> str:
 
 def kept(path: Path, key: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """The arrays in the .npz file when it was made with the same key, else those that `make` gives, kept there."""
-    found = _read(path)
-    if found.pop("key", None) == key:
-        return found
-    made = dict(make())
+    found = recalled(path, key)
+    return keep(path, key, make()) if found is None else found
+
+
+def keep(path: Path, key: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays, once they are in the .npz file under that key."""
     with replacing(path) as partial:
-        np.savez_compressed(partial, key=np.array(key), **made)
-    return made
+        np.savez_compressed(partial, key=np.array(key), **arrays)
+    return dict(arrays)
 
 
-def _read(path: Path) -> dict[str, np.ndarray]:
-    """What the file holds; nothing when it is missing or damaged."""
+def recalled(path: Path, key: str) -> dict[str, np.ndarray] | None:
+    """The arrays that the file holds under that key; None where it is missing, damaged or of another one."""
     try:
-        return read_npz(path)
+        found = read_npz(path)
     except ValueError:
-        return {}
+        return None
+    return found if found.pop("key", None) == key else None

@@ -46,8 +46,7 @@ class Baseline:
 
     @classmethod
     def of(
-        cls, identification: Identification, say: Progress, effort: Effort | None = None,
-        checkpoints: Checkpoints | None = None,
+        cls, identification: Identification, say: Progress, effort: Effort, checkpoints: Checkpoints
     ) -> "Baseline":  # fmt: skip
         """The identified material, fitted again together with the discretisation.
 
@@ -65,7 +64,7 @@ class Baseline:
         solver = KeptSolver.of(scene.energy, len(scene.y))
         model = Model(
             basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver,
-            effort=effort or Effort(), checkpoints=checkpoints or Checkpoints(),
+            effort=effort, checkpoints=checkpoints,
         )  # fmt: skip
         say("baseline")
         found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))

@@ -56,11 +56,11 @@ def refit(
     asked = np.concatenate([start, theta, [np.log(model.s2)]])
     known = model.checkpoints.next(name, asked)
     if known is not None:
-        return Reached.again(problem, scene, known).result(problem)
+        return Reached.again(problem, scene, known).result
     state, cost = _best_start(problem, scene, start, theta, shift, since)
     end, fresh, damping, slow = Reached.of(problem, state), True, 0.0, 0
     for made in range(_STEPS + 1):
-        way, least = end.way(problem), max(LEAST, (_ROUGH if rough else SHARE) * cost)
+        way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
             break
         smaller, step, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
@@ -74,8 +74,8 @@ def refit(
         state, cost = smaller or (state, cost)
         fresh = stalled or brought < _KEPT * way.promised(step)
         end = Reached.of(problem, state) if fresh else replace(end, state=state)
-    model.checkpoints.keep(name, asked, end.arrays(problem))
-    return end.result(problem)
+    model.checkpoints.keep(name, asked, end.arrays)
+    return end.result
 
 
 def _best_start(

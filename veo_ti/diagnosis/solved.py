@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from sim.direct import ROOM, DirectFactors, Layout
 from sim.energy import Energy
 from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
-from sim.through_time import settle
+from sim.through_time import Settled, settle
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 
@@ -85,11 +86,14 @@ def _through_time(
         terms = (*problem.base.terms, *problem.change(at, theta).terms)
         return replace(energy, terms=terms), partial(cause.remembered, at, theta, place)
 
-    to_its_end = partial(
-        settle, remembered, layout=Layout.of(problem.base.elastic), options=NEWTON, still=_NEAR * still, stalled=still
-    )
+    layout = Layout.of(problem.base.elastic)
+
+    def to_its_end(start: np.ndarray, **how: Any) -> Settled:
+        found = settle(remembered, start, layout=layout, options=NEWTON, still=_NEAR * still, stalled=still, **how)
+        problem.model.effort.spend(found.equilibrium.iterations.mean())
+        return found
+
     settled = to_its_end(scene.y, factors=factors, patient=False)
-    problem.model.effort.spend(settled.equilibrium.iterations.mean())
     if not settled.equilibrium.converged:
         at = scene.moved(energy, settled.equilibrium.y)
         nearer, equilibrium = _in_rounds(
@@ -98,7 +102,6 @@ def _through_time(
         if equilibrium.converged and hopeless(nearer):
             return nearer, equilibrium, None
         settled = to_its_end(nearer.y if equilibrium.converged else at.y)
-        problem.model.effort.spend(settled.equilibrium.iterations.mean())
     return scene.moved(settled.energy, settled.equilibrium.y), settled.equilibrium, settled.factors
 
 

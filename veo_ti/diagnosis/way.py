@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,9 +35,9 @@ class Way:
     curvature: np.ndarray  # of the cost
 
     @classmethod
-    def of(cls, problem: Problem, line: Line, state: Solved) -> "Way":
+    def of(cls, line: Line, state: Solved) -> "Way":
         """By fingerprints of this state or of one nearby."""
-        s2, prior = problem.model.s2, problem.prior
+        s2, prior = line.problem.model.s2, line.problem.prior
         normal = line.normal(state.scene, state.coefficients, state.theta)
         found = posterior(normal, prior, np.sqrt(s2))
         change = found.mean - np.concatenate([state.coefficients, state.theta])
@@ -103,20 +104,24 @@ class Reached:
         problem.model.effort.spent = float(arrays["spent"])
         return found
 
-    def arrays(self, problem: Problem) -> dict[str, np.ndarray]:
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
         """What that takes."""
-        found = {"spent": np.array(problem.model.effort.spent)}
+        found = {"spent": np.array(self.line.problem.model.effort.spent)}
         for name, at in (("state", self.state), ("told", self.told)):
             found |= dict(zip([f"{name}_{p}" for p in _STATE], [at.scene.y, at.coefficients, at.theta], strict=True))
         return found
 
-    def way(self, problem: Problem) -> Way:
+    @cached_property
+    def way(self) -> Way:
         """On from here."""
-        return Way.of(problem, self.line, self.state)
+        return Way.of(self.line, self.state)
 
-    def result(self, problem: Problem) -> Refit:
+    @property
+    def result(self) -> Refit:
         """What a fit that ends here found."""
-        state, kept, way, n = self.state, self.line.kept, self.way(problem), len(self.state.coefficients)
+        state, problem, kept, way = self.state, self.line.problem, self.line.kept, self.way
+        n = len(state.coefficients)
         around, residual = problem.around(state.coefficients, state.theta), problem.residual(state.scene, state.theta)
         parts = kept.parts(residual, state.scene.target.seen, around, _PARTS)
         unsure = _T * jackknife(parts, problem.prior, np.sqrt(problem.model.s2))
