@@ -12,6 +12,8 @@ from sim.energy import Energy, Tangent
 from sim.linear import Operator, Preconditioner, conjugate_gradients
 from sim.solvers import LinearSolver, Solver
 
+_ENOUGH, _LOOSE = 0.3, 0.1  # of the tolerance, that a linear solve may leave, but no more of its right side
+
 
 class Status(Enum):
     """How a frame's solve ended, in a sentence."""
@@ -118,7 +120,7 @@ def equilibrate(
         tangent = part.tangent(state.y[active])
         last = None if precondition is None else precondition.frames(np.searchsorted(earlier, active), tangent)
         precondition, earlier = solver.following(last, part, tangent, state.residual[active]), active
-        direction, spent = _direction(part, state.frames(active), tangent, solver, precondition)
+        direction, spent = _direction(part, state.frames(active), tangent, solver, precondition, options.tolerance)
         solver.spent(active, spent)
         stuck = _search(part, state, active, direction)
         steps[active] += 1
@@ -157,11 +159,13 @@ class _State:
 
 
 def _direction(
-    energy: Energy, state: _State, tangent: Tangent, solver: Solver, precondition: Preconditioner
-) -> tuple[np.ndarray, np.ndarray]:
+    energy: Energy, state: _State, tangent: Tangent, solver: Solver, precondition: Preconditioner,
+    tolerance: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """The Newton direction (T, N, 3), with the projected Hessian where the exact one is not positive definite, and how
-    many steps of conjugate gradients the exact one took (T,)."""
-    forcing, right = np.clip(state.residual, 1e-4, 1e-3), -state.gradient
+    many steps of conjugate gradients the exact one took (T,). None is more exact than the tolerance asks for."""
+    right, enough = -state.gradient, _ENOUGH * tolerance / state.residual
+    forcing = np.clip(enough, np.clip(state.residual, 1e-4, 1e-3), _LOOSE)
     part = _parts(energy, state.y, precondition)
     solve = conjugate_gradients(tangent.product, right, precondition, tolerance=forcing, part=part)
     direction = solve.x

@@ -80,12 +80,12 @@ def test_a_fit_that_creeps_ends(measured, model, monkeypatch):  # noqa: F811
     """Where every step brings a two-hundredth of the cost, though all promise far more, a few tell enough."""
     costs = []
 
-    def creeping(problem, state, cost, way, damping, tries):
+    def creeping(end, cost, damping, tries):
         costs.append(cost)
-        return (state, 0.995 * cost), way.change, damping
+        return (end.state, 0.995 * cost), end.way.change, damping
 
     monkeypatch.setattr(refits, "_lower", creeping)
-    monkeypatch.setattr(refits, "_shortened", lambda problem, state, cost, way, step, whole: whole)
+    monkeypatch.setattr(refits, "_shortened", lambda end, cost, step, whole: whole)
     found = refits.refit(measured, replace(model, s2=1e-2 * model.s2), np.zeros(len(model.prior)))
     assert not found.converged and found.short > 0.1 * costs[0]
     assert 2 <= len(costs) < 5

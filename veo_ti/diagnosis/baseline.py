@@ -15,6 +15,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import Noise, counted, measure_noise
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.solved import everywhere
 from veo_ti.evaluation import judged
 from veo_ti.identification import Identification
 
@@ -61,10 +62,10 @@ class Baseline:
         say("discretisation")
         extra, state = discretisation(scene), identification.fit.state
         prior = np.concatenate([basis.prior(state.length, state.amplitude), np.ones(len(extra))])
-        solver = KeptSolver.of(scene.energy, len(scene.y))
         model = Model(
-            basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, solver=solver,
-            effort=effort, checkpoints=checkpoints,
+            basis=basis, prior=prior, s2=counted(scene, noise, modes), extra=extra, effort=effort,
+            checkpoints=checkpoints, solver=KeptSolver.of(scene.energy, int(scene.train.sum())),
+            through_time=KeptSolver.of(scene.energy, len(scene.y)),
         )  # fmt: skip
         say("baseline")
         found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))
@@ -78,7 +79,7 @@ class Baseline:
             say("closer look at the baseline")
             noise, model = again, replace(model, s2=s2, prior=better.prior)
             found = refit(_told(found.scene, whole.seen, noise), model, found.coefficients)
-        return cls(refit=found, model=model, noise=noise, modes=modes)
+        return cls(refit=everywhere(found), model=model, noise=noise, modes=modes)
 
 
 def _told(scene: Scene, seen: np.ndarray, noise: Noise) -> Scene:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 STEPS = 1200.0  # docs/diagnosis.md says how long they take
-LINEARISATION = 3.0  # steps that one takes as long as
+LINEARISATION = 4.0  # steps that one takes as long as
 
 
 @dataclass(eq=False)

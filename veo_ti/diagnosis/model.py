@@ -37,7 +37,8 @@ class Model:
     prior: np.ndarray  # (K + E,) of the material's coefficients and of the discretisation columns
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
-    solver: Solver  # for equilibria of all frames
+    solver: Solver | None  # for equilibria of all frames that train, and
+    through_time: Solver | None = None  # of all frames, where they remember those before
     effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis, and
     checkpoints: Checkpoints = field(default_factory=Checkpoints)  # likewise
 

@@ -61,6 +61,7 @@ class Moments:
     nuisances: int
     modes: int
     kept: Fingerprints
+    motions: tuple[np.ndarray, ...] = ()  # of each frame (M, N, 3): what the body does, whatever tracking makes of it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,16 +104,18 @@ def moments(
 
     a (K,): material coefficients; extra: further nuisances; along: what a cause makes of them all; residual (T, N, 3):
     default the scene's; modes (N, S): smooth in space, paired with cosines in time over the training frames; keep: the
-    columns too, but for those of the modes.
+    columns and motions too, but for those of the modes.
     """
     frames = np.flatnonzero(scene.train & (scene.target.seen.sum(axis=1) > 0))
     residual = scene.residual if residual is None else residual
     modes = np.zeros((scene.cloud.count, 0)) if modes is None else modes
     cosines, K, pushing = time_modes(len(frames)), len(a), [*extra, *directions]
     kept: list[np.ndarray] = []
+    motions: list[np.ndarray] = []
     m = scene.energy.elastic.m
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
     solved = answered(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
+    solved = _noted(solved, motions) if keep else solved
 
     def columns() -> Iterator[_Frame]:
         for n, S in enumerate(solved if along.carried is None else carried(solved, ways, along.carried, frames)):
@@ -127,7 +130,17 @@ def moments(
 
     normal = _summed(columns())
     prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
-    return Moments(normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints)
+    return Moments(
+        normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints,
+        motions=tuple(motions),
+    )  # fmt: skip
+
+
+def _noted(solved: Iterable[np.ndarray], motions: list[np.ndarray]) -> Iterator[np.ndarray]:
+    """Frame by frame the same, copied before anyone adds to it."""
+    for S in solved:
+        motions.append(S.astype(np.float32))
+        yield S
 
 
 def answered(

@@ -14,6 +14,8 @@ from veo_ti.diagnosis.model import Model, change_of, shown_by
 from veo_ti.diagnosis.moments import Along, Fingerprints, moments
 from veo_ti.diagnosis.scene import Scene
 
+_OPEN = 0.3  # of the smallest J of each frame, that a first-order motion must leave
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
@@ -92,7 +94,7 @@ class Problem:
             scene, self.model.basis, coefficients[: self.materials], self.model.extra, own,
             along=Along.with_cause(cause, scene, theta, place), keep=True,
         )  # fmt: skip
-        return Line(problem=self, A=found.normal.A, kept=found.kept)
+        return Line(problem=self, A=found.normal.A, kept=found.kept, motions=found.motions)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +104,17 @@ class Line:
     problem: Problem
     A: np.ndarray
     kept: Fingerprints
+    motions: tuple[np.ndarray, ...]  # of the same frames, each (M, N, 3)
+
+    def ahead(self, scene: Scene, change: np.ndarray) -> Scene:
+        """The scene with the motion that a change of all unknowns leads to, to first order; without it in frames that
+        it would turn inside out or nearly so."""
+        y = scene.y.copy()
+        for t, S in zip(self.kept.frames, self.motions, strict=True):
+            y[t] += np.tensordot(change.astype(np.float32), S, 1)
+        there, smallest = scene.moved(scene.energy, y), np.linalg.det(scene.F).min(axis=1)
+        open_ = np.linalg.det(there.F).min(axis=1) > _OPEN * np.minimum(smallest, 1.0)
+        return there if open_.all() else scene.moved(scene.energy, np.where(open_[:, None, None], y, scene.y))
 
     def normal(self, scene: Scene, coefficients: np.ndarray, theta: np.ndarray) -> Normal:
         """The data linearised around a motion; the unknowns are the coefficients and theta themselves."""

@@ -11,7 +11,7 @@ from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
-from veo_ti.diagnosis.way import LEAST, SHARE, Reached, Way, cost_of
+from veo_ti.diagnosis.way import LEAST, SHARE, Reached, cost_of
 
 _STEPS = 12
 _ROUGH = 1e-2  # share of the cost, a predicted gain below which a rough fit is done
@@ -63,9 +63,9 @@ def refit(
         way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
             break
-        smaller, step, damping = _lower(problem, state, cost, way, damping, _TRIES if fresh else _TRIES_WITH_OLD)
+        smaller, step, damping = _lower(end, cost, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is not None and fresh:
-            smaller = _shortened(problem, state, cost, way, step, smaller)
+            smaller = _shortened(end, cost, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
         slow += 0 < brought < _SLOW * cost
         stalled = brought < _STALLED * least
@@ -105,7 +105,7 @@ def _best_start(
 
 
 def _lower(
-    problem: Problem, state: Solved, cost: float, way: Way, damping: float, tries: int
+    end: Reached, cost: float, damping: float, tries: int
 ) -> tuple[tuple[Solved, float] | None, np.ndarray, float]:
     """Where the least damped of a few steps that lowers the cost leads, or None; the step; the damping to begin with
     next.
@@ -114,9 +114,9 @@ def _lower(
     next one is clearly shorter.
     """
     for k in range(tries):
-        step = way.damped(damping)
-        step = step * problem.within(step, _CAUTION)
-        trial, lower = _tried(problem, state, cost, step, state.factors)
+        step = end.way.damped(damping)
+        step = step * end.line.problem.within(step, _CAUTION)
+        trial, lower = _tried(end, cost, step, end.state.factors)
         if lower < cost:
             less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
             return (trial, lower), step, damping if k else less
@@ -126,26 +126,29 @@ def _lower(
 
 
 def _shortened(
-    problem: Problem, state: Solved, cost: float, way: Way, step: np.ndarray, whole: tuple[Solved, float]
+    end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]
 ) -> tuple[Solved, float]:
     """The whole step, or the part of it that a parabola through its slope and its end says to be best: where the cost
     curves more than its fingerprints tell, the minimum lies well before the end, and further steps do the same again.
     """
-    slope, brought = way.slope(step), cost - whole[1]
+    slope, brought = end.way.slope(step), cost - whole[1]
     share = slope / (2 * (slope - brought))
     if share > _PART or share * slope / 2 < brought + LEAST:
         return whole
-    trial, lower = _tried(problem, state, cost, share * step, whole[0].factors)
+    trial, lower = _tried(end, cost, share * step, whole[0].factors)
     return (trial, lower) if lower < whole[1] else whole
 
 
 def _tried(
-    problem: Problem, state: Solved, cost: float, step: np.ndarray, factors: DirectFactors | None
+    end: Reached, cost: float, step: np.ndarray, factors: DirectFactors | None
 ) -> tuple[Solved | None, float]:
-    """A step and its cost; none where it turns what must not turn."""
+    """A step and its cost; none where it turns what must not turn. Newton's method begins where the fingerprints say
+    that it leads."""
+    problem, state = end.line.problem, end.state
     n = len(state.coefficients)
     theta = problem.stepped(state.theta, step[n:])
     if problem.turned(theta, state.theta):
         return None, np.inf
-    trial = solved(problem, state.scene, state.coefficients + step[:n], theta, factors, most=_HOPELESS * cost)
+    begun = end.line.ahead(state.scene, np.concatenate([step[:n], theta - state.theta]))
+    trial = solved(problem, begun, state.coefficients + step[:n], theta, factors, most=_HOPELESS * cost)
     return trial, cost_of(problem, trial)

@@ -16,6 +16,7 @@ from veo_ti.diagnosis.model import OURS, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
+from veo_ti.diagnosis.solved import everywhere
 from veo_ti.diagnosis.verdict import (
     CLEAR,
     MISFIT,
@@ -78,7 +79,8 @@ def diagnose(
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
     def told(rounds: Sequence[Round], *, finished: bool) -> Diagnosis:
-        final = next((r.extended for r in reversed(rounds) if r.extended is not None), start.refit)
+        extended = next((r.extended for r in reversed(rounds) if r.extended is not None), None)
+        final = start.refit if extended is None else everywhere(extended)
         return Diagnosis(
             identification=identification, noise=start.noise, baseline=start.refit, final=final, rounds=tuple(rounds),
             untestable={name: reason for name, reason in reasons.items() if reason}, finished=finished,

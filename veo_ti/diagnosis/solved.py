@@ -9,9 +9,10 @@ import numpy as np
 
 from sim.direct import ROOM, DirectFactors, Layout
 from sim.energy import Energy
-from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
+from sim.newton import NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
 from sim.through_time import Settled, settle
+from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 
@@ -32,20 +33,15 @@ class Solved:
     without: Scene  # the same motion, before the cause joined the energy
     coefficients: np.ndarray
     theta: np.ndarray
-    equilibrium: Equilibrium
+    found: bool  # whether every frame that trains is in equilibrium
     factors: DirectFactors | None = None  # that serve nearby
-
-    @property
-    def found(self) -> bool:
-        """Whether every frame that trains is in equilibrium."""
-        return _found(self.scene, self.equilibrium)
 
 
 def solved(
     problem: Problem, scene: Scene, coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None,
     *, most: float = np.inf,
 ) -> Solved:  # fmt: skip
-    """All frames in equilibrium, from the scene's motion on.
+    """All frames in equilibrium that train, and the others where these remember them, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
     through time find it, with the factors of a solve nearby; far from it after a few rounds of solves. Where there was
@@ -58,23 +54,35 @@ def solved(
     def hopeless(at: Scene) -> bool:
         return most < np.inf and problem.cost(at, coefficients, theta) > most
 
-    nearby, found, equilibrium = factors is not None, scene, None
-    if problem.cause is not None and problem.cause.follows and scene.y[..., 0].size <= ROOM:
-        found, equilibrium, factors = _through_time(problem, scene, energy, theta, still, factors, hopeless)
-    if equilibrium is None or not (equilibrium.converged or nearby):
-        found, equilibrium = _in_rounds(problem, found, energy, theta, still, hopeless)
-    elif not equilibrium.converged:
-        found, equilibrium = scene, replace(equilibrium, status=(Status.LINE_SEARCH,) * len(scene.y))
+    nearby, reached, found = factors is not None, scene, False
+    at_once = _remembers(problem) and scene.y[..., 0].size <= ROOM
+    if at_once:
+        reached, found, factors = _through_time(problem, scene, energy, theta, still, factors, hopeless)
+    if not (found or (at_once and nearby)):
+        reached, found = _in_rounds(problem, reached, energy, theta, still, hopeless)
+    elif not found:
+        reached = scene
     return Solved(
-        scene=found, without=found.moved(energy, found.y), coefficients=coefficients, theta=theta,
-        equilibrium=equilibrium, factors=factors,
+        scene=reached, without=reached.moved(energy, reached.y), coefficients=coefficients, theta=theta, found=found,
+        factors=factors,
     )  # fmt: skip
+
+
+def everywhere(found: Refit) -> Refit:
+    """A fit with the frames in equilibrium as well that did not train, as far as they have one."""
+    scene, frames = found.scene, np.flatnonzero(~found.scene.train)
+    if len(frames) == 0 or (found.cause is not None and found.cause.follows):
+        return found
+    there = equilibrate(scene.energy.frames(frames), scene.y[frames], options=replace(NEWTON, iterations=60))
+    y = scene.y.copy()
+    y[frames] = there.y
+    return replace(found, scene=scene.moved(scene.energy, y), without=found.without.moved(found.without.energy, y))
 
 
 def _through_time(
     problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None,
     hopeless: Callable[[Scene], bool],
-) -> tuple[Scene, Equilibrium, DirectFactors | None]:  # fmt: skip
+) -> tuple[Scene, bool, DirectFactors | None]:  # fmt: skip
     """All frames at once, as far as they come.
 
     Far from it, where a turn makes every step short, rounds come nearer at less cost.
@@ -96,19 +104,19 @@ def _through_time(
     settled = to_its_end(scene.y, factors=factors, patient=False)
     if not settled.equilibrium.converged:
         at = scene.moved(energy, settled.equilibrium.y)
-        nearer, equilibrium = _in_rounds(
+        nearer, found = _in_rounds(
             problem, at, energy, theta, _CLOSE * still, hopeless, rounds=_FIRST, options=_ROUGHLY
         )
-        if equilibrium.converged and hopeless(nearer):
-            return nearer, equilibrium, None
-        settled = to_its_end(nearer.y if equilibrium.converged else at.y)
-    return scene.moved(settled.energy, settled.equilibrium.y), settled.equilibrium, settled.factors
+        if found and hopeless(nearer):
+            return nearer, True, None
+        settled = to_its_end(nearer.y if found else at.y)
+    return scene.moved(settled.energy, settled.equilibrium.y), settled.equilibrium.converged, settled.factors
 
 
 def _in_rounds(
     problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, hopeless: Callable[[Scene], bool],
     *, rounds: int = _ROUNDS, options: NewtonOptions = NEWTON,
-) -> tuple[Scene, Equilibrium]:  # fmt: skip
+) -> tuple[Scene, bool]:  # fmt: skip
     """What follows from the motion is taken from the last motion, until the next one is the same: a fixed point.
 
     By Anderson's mixing, since plain rounds close in as slowly as the history is strong. No more rounds where a frame
@@ -116,24 +124,28 @@ def _in_rounds(
     """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
-    for more in reversed(range(rounds if problem.cause is not None and problem.cause.follows else 1)):
+    model, remembers = problem.model, _remembers(problem)
+    frames = np.arange(len(scene.y)) if remembers else np.flatnonzero(scene.train)
+    solver = model.through_time if remembers else model.solver
+    for more in reversed(range(rounds if remembers else 1)):
         change = problem.change(scene.of_material(energy.elastic.m), theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
-        equilibrium = equilibrate(extended, scene.y, options=options, solver=problem.model.solver)
-        problem.model.effort.spend(equilibrium.iterations.mean())
-        found = scene.moved(extended, equilibrium.y)
-        tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, found.y][-_DEPTH:]
-        settled = np.sqrt(((found.y - scene.y) ** 2).mean()) < still
-        if not more or settled or not _found(scene, equilibrium) or hopeless(found):
+        there = equilibrate(extended.frames(frames), scene.y[frames], options=options, solver=solver)
+        model.effort.spend(there.iterations.mean())
+        y = scene.y.copy()
+        y[frames] = there.y
+        at, failed = scene.moved(extended, y), frames[[s is not Status.CONVERGED for s in there.status]]
+        tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, y][-_DEPTH:]
+        settled, found = np.sqrt(((y - scene.y) ** 2).mean()) < still, not scene.train[failed].any()
+        if not more or settled or not found or hopeless(at):
             break
-        mixed = found.moved(extended, _mixed(tried, reached))
-        scene = mixed if np.linalg.det(mixed.F).min() > 0 else found
-    return found, equilibrium
+        mixed = at.moved(extended, _mixed(tried, reached))
+        scene = mixed if np.linalg.det(mixed.F).min() > 0 else at
+    return at, found
 
 
-def _found(scene: Scene, equilibrium: Equilibrium) -> bool:
-    status = zip(equilibrium.status, scene.train, strict=True)
-    return all(s is Status.CONVERGED for s, counts in status if counts)
+def _remembers(problem: Problem) -> bool:
+    return problem.cause is not None and problem.cause.follows
 
 
 def _mixed(tried: Sequence[np.ndarray], reached: Sequence[np.ndarray]) -> np.ndarray:
