@@ -16,3 +16,8 @@ def test_clear_pairs_are_of_effects_that_no_stiffness_takes_up():
     clear = [world.plan(seed, "clear")[0] for seed in range(1000, 1200)]
     assert {len(set(pair)) for pair in clear} == {2}
     assert {name for pair in clear for name in pair} == set(world.CATALOGUE) - {*world.TAKEN_UP, *world.BRISK}
+
+
+def test_strong_effects_are_all_of_the_catalogue():
+    strong = [world.plan(seed, "strong")[0] for seed in range(7001, 7001 + len(world.CATALOGUE))]
+    assert sorted(strong) == sorted((name,) for name in world.CATALOGUE)

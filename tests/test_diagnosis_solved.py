@@ -9,9 +9,11 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.dynamics import Damping
 from veo_ti.diagnosis.causes.history import PermanentSet, Softening, StiffnessDrift, Viscoelasticity
 from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.material import StrainStiffening, VolumetricLaw
+from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import _lower, refit
 from veo_ti.diagnosis.solved import Solved, everywhere, solved
@@ -90,6 +92,22 @@ def test_frames_that_do_not_train_wait_for_the_end(scene, model):  # noqa: F811
     np.testing.assert_allclose(found.y[some.train], every.scene.y[some.train], atol=1e-9)
     at = everywhere(replace(fitted, scene=found, without=found)).scene
     np.testing.assert_allclose(at.y, every.scene.y, atol=1e-6)
+
+
+@pytest.mark.parametrize("cause", [Damping(), Viscoelasticity(), Beside(HiddenForce(), Damping())], ids=type)
+def test_frames_that_others_depend_on_do_not_wait(cause, scene, model):  # noqa: F811
+    """What lags behind the motion shows that of frames before, whether they train or not."""
+    parts = (cause.found, cause.other) if isinstance(cause, Beside) else (cause,)
+    places = tuple(next(iter(part.places(scene))) for part in parts)
+    place, some = places if len(places) > 1 else places[0], replace(scene, train=np.arange(len(scene.y)) != 3)
+    softer, theta = np.full(len(model.prior), -0.3), 0.1 * cause.widths(scene)
+    seen = []
+    for at in (scene, some):
+        problem = Problem.of(at, model, cause, place)
+        found = solved(problem, at, softer, theta).scene
+        seen.append(shown_by(found, problem.change(found, theta)))
+    assert np.abs(seen[0][4] - scene.y[4]).max() > NOISE
+    np.testing.assert_allclose(seen[1], seen[0], atol=1e-3 * NOISE)
 
 
 def test_no_step_takes_all_of_a_material_away():

@@ -85,7 +85,7 @@ def _made_and_judged(seed: int, effects: tuple[str, ...], setting: str, size: st
 
     measurement, answer = stem.with_suffix(".npz"), stem.with_suffix(".truth.npz")
     began = time.perf_counter()
-    given = {"size": size, "setting": setting, "goal": world.CLEAR if mix in ("two", "clear") else None}
+    given = {"size": size, "setting": setting, "goal": world.CLEAR if mix in ("strong", "two", "clear") else None}
     made = world.trial(seed, effects, **given)
     made.save(measurement, answer)
     seconds = time.perf_counter() - began

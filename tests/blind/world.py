@@ -17,8 +17,8 @@ CATALOGUE: dict[str, Draw] = {d.__name__: d for m in (of_material, of_loads, of_
 OUTSIDE: dict[str, Draw] = {d.__name__: d for d in outside.DRAWS}
 PLAN = ("one", "one", "none", "one", "one", "outside", "one", "two", "one", "one", "none", "one", "outside", "one",
         "one", "two", "one", "none", "one", "outside")  # fmt: skip
-MIXES = ("default", "nulls", "harsh", "two", "clear")
-CLEAR = (8.0, 30.0)  # goals of the mixes of two effects, in units of noise: neither is to drown
+MIXES = ("default", "nulls", "harsh", "strong", "two", "clear")
+CLEAR = (8.0, 30.0)  # goals, in units of noise, of one strong effect, and of two, of which neither is to drown
 FIRST_JUDGED = 1000
 BRISK = ("inertia",)  # effects that need frames in quick succession
 ALONE = ("disconnection", "prestress")  # effects that change what others would be drawn on
@@ -46,14 +46,16 @@ class Trial:
 def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
     """The effects that a seed hides and its setting: effects take turns, so that all are met equally often.
 
-    "two": two of them; "clear": two that show beside any stiffness.
+    "strong": one, large before the stiffness takes up its part; "two": two of them, likewise; "clear": two that show
+    beside any stiffness.
     """
     rng = np.random.default_rng([seed, 3])
-    kind = {"nulls": "none", "two": "two", "clear": "two"}.get(mix, PLAN[seed % len(PLAN)])
+    kind = {"nulls": "none", "strong": "one", "two": "two", "clear": "two"}.get(mix, PLAN[seed % len(PLAN)])
     harsh = {"nulls": 0.5, "harsh": 1.0}.get(mix, 0.2)
     setting = str(rng.choice(tracking.SETTINGS[1:])) if rng.random() < harsh else "iid"
     rank = seed // len(PLAN) * PLAN.count(kind) + PLAN[: seed % len(PLAN)].count(kind)
     if kind == "one":
+        rank = seed if mix == "strong" else rank
         return (list(CATALOGUE)[7 * rank % len(CATALOGUE)],), setting
     if kind == "outside":
         return (list(OUTSIDE)[5 * rank % len(OUTSIDE)],), setting

@@ -38,7 +38,7 @@ class Model:
     s2: float  # [m2]
     extra: tuple[Known, ...]  # discretisation columns
     solver: Solver | None  # for equilibria of all frames that train, and
-    through_time: Solver | None = None  # of all frames, where they remember those before
+    through_time: Solver | None = None  # of all frames, where what a cause does in one depends on others
     effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis, and
     checkpoints: Checkpoints = field(default_factory=Checkpoints)  # likewise
 

@@ -12,6 +12,7 @@ from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.model import Model, Refit
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
+from veo_ti.diagnosis.solved import everywhere
 from veo_ti.diagnosis.verdict import (
     CLEAR,
     EXPLAINED,
@@ -62,6 +63,7 @@ def look(
     of it is then named, and, unless it is clear that something is left, one that little can imitate. least: variance
     [m2] at which counts what others are known to leave; one that leaves far more gets no second look.
     """
+    current = everywhere(current)
     taken = current.taken_in()
     say("fingerprints of all causes")
     statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])

@@ -41,7 +41,7 @@ def solved(
     problem: Problem, scene: Scene, coefficients: np.ndarray, theta: np.ndarray, factors: DirectFactors | None = None,
     *, most: float = np.inf,
 ) -> Solved:  # fmt: skip
-    """All frames in equilibrium that train, and the others where these remember them, from the scene's motion on.
+    """All frames in equilibrium that train, and the others where these depend on them, from the scene's motion on.
 
     What follows from the motion (viscous strain, damage, set) has to be that of the motion itself. Newton's steps
     through time find it, with the factors of a solve nearby; far from it after a few rounds of solves. Where there was
@@ -71,7 +71,7 @@ def solved(
 def everywhere(found: Refit) -> Refit:
     """A fit with the frames in equilibrium as well that did not train, as far as they have one."""
     scene, frames = found.scene, np.flatnonzero(~found.scene.train)
-    if len(frames) == 0 or (found.cause is not None and found.cause.follows):
+    if len(frames) == 0 or (found.cause is not None and found.cause.spans):
         return found
     there = equilibrate(scene.energy.frames(frames), scene.y[frames], options=replace(NEWTON, iterations=60))
     y = scene.y.copy()
@@ -124,9 +124,9 @@ def _in_rounds(
     """
     tried: list[np.ndarray] = []
     reached: list[np.ndarray] = []
-    model, remembers = problem.model, _remembers(problem)
-    frames = np.arange(len(scene.y)) if remembers else np.flatnonzero(scene.train)
-    solver = model.through_time if remembers else model.solver
+    model, remembers, every = problem.model, _remembers(problem), problem.cause is not None and problem.cause.spans
+    frames = np.arange(len(scene.y)) if every else np.flatnonzero(scene.train)
+    solver = model.through_time if every else model.solver
     for more in reversed(range(rounds if remembers else 1)):
         change = problem.change(scene.of_material(energy.elastic.m), theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))

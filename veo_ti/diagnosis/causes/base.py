@@ -128,6 +128,11 @@ class Cause:
         return type(self).carried is not Cause.carried
 
     @property
+    def spans(self) -> bool:
+        """Whether what it does in a frame may depend on the motion in others."""
+        return self.follows or self.lags
+
+    @property
     def positive(self) -> np.ndarray:
         """Which parameters physics wants positive, (d,)."""
         return np.array([p.positive for p in self.parameters], bool)

@@ -32,6 +32,11 @@ class Beside(Cause):
         """Where both do."""
         return self.found.lags and self.other.lags
 
+    @property
+    def spans(self) -> bool:
+        """Where either does."""
+        return self.found.spans or self.other.spans
+
     def _placed(self, place: Places) -> Iterator[tuple[Cause, slice, Any]]:
         for (cause, own), at in zip(self.parts, place, strict=True):
             yield cause, own, at
