@@ -60,10 +60,11 @@ def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F
     problem = Problem.of(measured, replace(model, s2=NOISE**2))
     state = solved(problem, measured, start, np.zeros(0))
     cost = problem.cost(state.scene, start, state.theta)
-    way = Reached.of(problem, state).way
-    ends = {times: _tried(problem, state, cost, times * way.change, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
-    assert _shortened(problem, state, cost, way, way.change, ends[1.0]) is ends[1.0]
-    brought = cost - _shortened(problem, state, cost, way, 2 * way.change, ends[2.0])[1]
+    here = Reached.of(problem, state)
+    whole = here.way.change
+    ends = {times: _tried(here, cost, times * whole, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
+    assert _shortened(here, cost, whole, ends[1.0]) is ends[1.0]
+    brought = cost - _shortened(here, cost, 2 * whole, ends[2.0])[1]
     best = cost - min(end for _, end in ends.values())
     assert brought > 0.9 * best > 5 * (cost - ends[2.0][1])
 
