@@ -125,9 +125,7 @@ def _lower(
     return None, step, damping
 
 
-def _shortened(
-    end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]
-) -> tuple[Solved, float]:
+def _shortened(end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]) -> tuple[Solved, float]:
     """The whole step, or the part of it that a parabola through its slope and its end says to be best: where the cost
     curves more than its fingerprints tell, the minimum lies well before the end, and further steps do the same again.
     """
@@ -139,9 +137,7 @@ def _shortened(
     return (trial, lower) if lower < whole[1] else whole
 
 
-def _tried(
-    end: Reached, cost: float, step: np.ndarray, factors: DirectFactors | None
-) -> tuple[Solved | None, float]:
+def _tried(end: Reached, cost: float, step: np.ndarray, factors: DirectFactors | None) -> tuple[Solved | None, float]:
     """A step and its cost; none where it turns what must not turn. Newton's method begins where the fingerprints say
     that it leads."""
     problem, state = end.line.problem, end.state

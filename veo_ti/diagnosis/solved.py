@@ -74,8 +74,7 @@ def everywhere(found: Refit) -> Refit:
     if len(frames) == 0 or (found.cause is not None and found.cause.spans):
         return found
     there = equilibrate(scene.energy.frames(frames), scene.y[frames], options=replace(NEWTON, iterations=60))
-    y = scene.y.copy()
-    y[frames] = there.y
+    y = _with_frames(scene.y, frames, there.y)
     return replace(found, scene=scene.moved(scene.energy, y), without=found.without.moved(found.without.energy, y))
 
 
@@ -132,8 +131,7 @@ def _in_rounds(
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
         there = equilibrate(extended.frames(frames), scene.y[frames], options=options, solver=solver)
         model.effort.spend(there.iterations.mean())
-        y = scene.y.copy()
-        y[frames] = there.y
+        y = _with_frames(scene.y, frames, there.y)
         at, failed = scene.moved(extended, y), frames[[s is not Status.CONVERGED for s in there.status]]
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, y][-_DEPTH:]
         settled, found = np.sqrt(((y - scene.y) ** 2).mean()) < still, not scene.train[failed].any()
@@ -142,6 +140,12 @@ def _in_rounds(
         mixed = at.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else at
     return at, found
+
+
+def _with_frames(y: np.ndarray, frames: np.ndarray, there: np.ndarray) -> np.ndarray:
+    y = y.copy()
+    y[frames] = there
+    return y
 
 
 def _remembers(problem: Problem) -> bool:
