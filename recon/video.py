@@ -20,8 +20,13 @@ from sim.checks import require
 
 KEY_FRAMES = 40  # frames between two places from which decoding can start
 SMALLEST = 64  # [px], below its largest block x265 writes outside its buffers
+# x265's thread pool can crash the process as a stream ends: its lookahead races (their issue 684, not mended in 4.2).
+ONE_THREAD = "pools=none:frame-threads=1"
 CODERS = {
-    "hevc": {"preset": "veryfast", "x265-params": f"log-level=none:open-gop=0:bframes=0:keyint={KEY_FRAMES}"},
+    "hevc": {
+        "preset": "veryfast",
+        "x265-params": f"log-level=none:open-gop=0:bframes=0:keyint={KEY_FRAMES}:{ONE_THREAD}",
+    },
     "h264": {"preset": "veryfast", "bf": "0", "g": str(KEY_FRAMES)},
 }
 LEVELS = np.arange(256)
