@@ -12,6 +12,7 @@ import numpy as np
 from recon.oak.devices import FoundDevice
 from recon.oak.recorder import record_streams
 from recon.oak.spec import DeviceSpec, RigSpec, StreamSpec
+from recon.video import ONE_THREAD
 
 BITS, BLOCK = 6, 16  # a picture's number, written in black and white blocks
 COLOUR, GREY = (96, 64), (96, 72)
@@ -50,7 +51,7 @@ def clip(size: tuple[int, int], count: int, keyframe_every: int = 8) -> tuple[by
     coder.width, coder.height, coder.pix_fmt, coder.framerate = *size, "yuv420p", 40
     coder.time_base = 1 / coder.framerate
     fixed = f"bframes=0:repeat-headers=1:scenecut=0:open-gop=0:log-level=none:keyint={keyframe_every}"
-    coder.options = {"preset": "ultrafast", "x265-params": f"{fixed}:min-keyint={keyframe_every}"}
+    coder.options = {"preset": "ultrafast", "x265-params": f"{fixed}:min-keyint={keyframe_every}:{ONE_THREAD}"}
     packets = []
     for number in range(count):
         frame = av.VideoFrame.from_ndarray(numbered(number, size), format="gray").reformat(format="yuv420p")

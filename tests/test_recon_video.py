@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from recon.images import ImageFiles, Pictures, read_image, write_image
-from recon.video import VideoFile, write_video
+from recon.video import ONE_THREAD, VideoFile, write_video
 
 COUNT, HEIGHT, WIDTH = 90, 64, 80
 
@@ -55,7 +55,8 @@ def test_grey_levels_keep_their_brightness(tmp_path):
 def foreign(path, sent: np.ndarray) -> None:
     """An H.265 file as another program writes it: frames out of order, groups that borrow from the one before."""
     with av.open(str(path), "w") as container:
-        options = {"crf": "12", "x265-params": "log-level=none:open-gop=1:bframes=4:keyint=20:min-keyint=20"}
+        params = f"log-level=none:open-gop=1:bframes=4:keyint=20:min-keyint=20:{ONE_THREAD}"
+        options = {"crf": "12", "x265-params": params}
         stream = container.add_stream("hevc", rate=30, options=options)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         for image in sent:
@@ -98,7 +99,8 @@ def test_a_truncated_video_is_one_sentence_naming_file_and_camera(tmp_path):
 def test_frames_cut_off_behind_an_intact_header_are_counted(tmp_path):
     path = tmp_path / "a.mp4"
     with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
-        stream = container.add_stream("hevc", rate=40, options={"x265-params": "log-level=none:bframes=0"})
+        options = {"x265-params": f"log-level=none:bframes=0:{ONE_THREAD}"}
+        stream = container.add_stream("hevc", rate=40, options=options)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         noise = np.random.default_rng(0).integers(0, 255, (30, HEIGHT, WIDTH, 3), dtype=np.uint8)
         for image in noise:
