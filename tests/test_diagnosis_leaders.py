@@ -72,7 +72,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     def cause(name, *laws):
         return SimpleNamespace(name=name, laws=lambda scene: laws)
 
-    def looked_at(found, current, model, floor, modes, say, known):
+    def looked_at(found, current, model, floor, modes, say, known, rough):
         asked_for.append([(s.name, s.place) for s in found])
         tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
                                  model=SimpleNamespace(s2=1.0, effort=Effort())) for s in found]  # fmt: skip
@@ -93,12 +93,14 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     assert [(r.cause.name, r.place) for r in found.refits] == [("a", "second" if asked else "first"), ("b", None)]
 
 
-@pytest.mark.parametrize(("leaves", "followed"), [
-    (1.9, ["place", "beyond"]), (4.0, ["place"]), (6.0, []),
+@pytest.mark.parametrize(("leaves", "rough", "followed"), [
+    (1.9, 0.0, ["place", "beyond"]), (4.0, 0.0, ["place"]), (6.0, 0.0, []), (6.0, 1.5, ["place"]),
 ])  # fmt: skip
-def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, followed, monkeypatch):
-    """Neither at another place nor, sooner, beyond the first order; those before stay, and the best of them counts."""
-    begun, before, cause = [], leaders.Refitted(refits=("first",), s2=1.0, least=1.0), SimpleNamespace(name="late")
+def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, rough, followed, monkeypatch):
+    """Neither at another place nor, sooner, beyond the first order, unless it is little of what was wrong; those before
+    stay, and the best of them counts."""
+    begun, cause = [], SimpleNamespace(name="late")
+    before = leaders.Refitted(refits=("first",), s2=1.0, least=1.0, rough=rough)
     result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
     result.without = None
     late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0, effort=Effort()), fine=False)

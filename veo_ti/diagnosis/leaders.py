@@ -55,7 +55,8 @@ class Refitted:
 
     refits: tuple[Refit, ...] = ()
     s2: float = np.inf  # the noise [m2] that the best of them leaves: what it explains was no noise
-    least: float = np.inf  # variance [m2] at which what any of them leaves counts
+    least: float = np.inf  # variance [m2] at which what any of them leaves counts; and
+    rough: float = 0.0  # up to which none is left behind: a rough refit says no more
 
 
 def refitted(
@@ -63,13 +64,13 @@ def refitted(
     beside: Refitted = Refitted(),
 ) -> Refitted:  # fmt: skip
     """The leaders at the best of their places, after those that were refitted before, beside which they have to stand:
-    one that leaves far more than any gets no second look.
+    one that leaves far more than any gets no second look, unless that is little of what was wrong.
 
     In the first look those that obey one of several laws are refitted by the others as well, unless they leave least,
     and that is noise.
     """
     leaders = _narrowed(leaders, current, model, floor, modes, say)
-    tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least)
+    tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least, beside.rough)
     nearest = _nearest(beside.least, tried)
     close = [t.left < NEARBY * nearest and t.left > min(nearest, IN_REACH * floor) for t in tried]
     others = [
@@ -80,7 +81,7 @@ def refitted(
     ]
     if others:
         scores = scores_of(current, model, floor, modes, [(cause, [law]) for cause, law in others])[1]
-        more, less = _looked_at(scores, current, model, floor, modes, say, nearest)
+        more, less = _looked_at(scores, current, model, floor, modes, say, nearest, beside.rough)
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
         nearest = _nearest(nearest, tried)
@@ -89,22 +90,24 @@ def refitted(
         refits=(*beside.refits, *(t.result for t in tried)),
         s2=min([beside.s2, reached, *(t.model.s2 for t in tried)]),
         least=_nearest(nearest, tried),
+        rough=beside.rough,
     )
 
 
 def _looked_at(
     leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress,
-    known: float,
+    known: float, rough: float,
 ) -> tuple[list[Tried], float]:  # fmt: skip
     """All refitted at their places, and the noise that the best leaves.
 
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
-    at what it leaves, a few times, unless another leaves far less; known: what others were known to leave.
+    at what it leaves, a few times, unless another leaves far less; known: what others were known to leave; rough: what
+    any may leave and not be left behind.
     """
     tried = [Tried.of(tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
     enough, reached = max(_NEARLY * model.s2, IN_REACH * floor), model.s2
     for _ in range(LOOKS):
-        least, before = _nearest(known, tried), tried
+        least, before = max(rough, _nearest(known, tried)), tried
         tried = [looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:

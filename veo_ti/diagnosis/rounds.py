@@ -32,7 +32,7 @@ from veo_ti.diagnosis.visible import Left
 
 SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
-_ROUGHLY = 0.02  # of what there was, that a first, rough refit may leave of what further ones explain
+_ROUGHLY = 0.025  # of what there was, that a first, rough refit may leave of what further ones explain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +81,8 @@ def look(
     leaders, others = leaders_of(scores, keep)
     if current.cause is None:
         leaders += as_likely(scores, leaders, keep)
-    known = Refitted(least=max(least, _ROUGHLY * counted(taken.scene, noise, modes)))
+    rough = _ROUGHLY * counted(taken.scene, noise, modes)
+    known = Refitted(least=max(least, rough), rough=rough)
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     standing = [c.name for c in candidates if sufficient(c)]
