@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -59,6 +60,48 @@ def deformed_area(cloud: RestCloud, y: np.ndarray) -> np.ndarray:
     cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)  # J F^-T, also where F is flat
     out[:, outer] = np.einsum("tnab,nb->tna", cofactor, cloud.area[outer])
     return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Following:
+    """Nominal forces f (T, N, 3) [N] that turn and spread with the surface, `cof(F) f`, F (T, N, 3, 3).
+
+    A `Past` of `sim.sensitivity`: a frame's own motion pushes beyond the Hessian of its energy, and no other frame's.
+    """
+
+    cloud: RestCloud
+    F: np.ndarray
+    nominal: np.ndarray
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        """(T, N, 3) [N]."""
+        return np.linalg.det(self.F)[..., None] * np.einsum("tnba,tnb->tna", self._inverse, self.nominal)
+
+    def force(self, frame: int) -> float:
+        """None of the frames before."""
+        return 0.0
+
+    def acts(self, frame: int) -> bool:
+        """Where there is a force."""
+        return bool(self.nominal[frame].any())
+
+    def own(self, frame: int, change: np.ndarray) -> np.ndarray:
+        """`d cof(F) f = (F^-1 : dF^T) cof(F) f - F^-T dF^T cof(F) f` of changes (K, N, 3) [m]."""
+        at, out = np.flatnonzero(self.nominal[frame].any(axis=1)), np.zeros(change.shape)
+        arms = change[:, self.cloud.neighbours[at]] - change[:, at, None]
+        G, dF = self._inverse[frame, at], np.einsum("knca,ncb->knab", arms, self.cloud.gradients[at])
+        there = self.there[frame, at]
+        back = np.einsum("knab,na->knb", dF, there)
+        out[:, at] = np.einsum("nba,knab->kn", G, dF)[..., None] * there - np.einsum("nba,knb->kna", G, back)
+        return out
+
+    def keep(self, frame: int, change: np.ndarray) -> None:
+        """Nothing."""
+
+    @cached_property
+    def _inverse(self) -> np.ndarray:
+        return np.linalg.inv(self.F)
 
 
 def equilibrate_follower(

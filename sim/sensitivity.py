@@ -15,7 +15,7 @@ from sim.runtime import serial_blas
 
 _HELD = 8  # factors at once
 _OWN = 8  # rounds at most in which a frame answers to its own change, until it is as
-_CLOSE = 1e-3  # close, of the largest change of any
+_CLOSE = 1e-3  # close, of its largest change
 _AT_ONCE = 12_000  # points of all frames whose right sides are held together
 _ROUNDED = 1e-13  # of mu h^2: forces that come of rounding alone
 
@@ -88,11 +88,12 @@ def _moved(
     if not acting:
         return moved
 
-    def again(x: np.ndarray) -> np.ndarray:
-        return _solved(factor, energy.free(pushed + sum(force(x) for force in acting)))
+    size = np.abs(moved).max(axis=(1, 2), keepdims=True) + 1e-300
 
-    close = MixingOptions(tolerance=_CLOSE * float(np.abs(moved).max()) + 1e-300, iterations=_OWN, memory=3)
-    return fixed_point(again, moved, close).x
+    def again(x: np.ndarray) -> np.ndarray:
+        return _solved(factor, energy.free(pushed + sum(force(size * x) for force in acting))) / size
+
+    return size * fixed_point(again, moved / size, MixingOptions(tolerance=_CLOSE, iterations=_OWN, memory=3)).x
 
 
 def _solved(factor: Cholesky | SuperLU, right: np.ndarray) -> np.ndarray:

@@ -15,7 +15,8 @@ from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.experiment import separating
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.observation import Observation

@@ -72,6 +72,21 @@ def test_of_two_other_loads_one_is_made_of_the_other(scene, first, then, found_f
     assert np.abs(scene.forces + apart - expected)[1:].max() > 0.02 * size  # what each does alone does not add up
 
 
+def test_a_load_that_turns_is_remembered_as_the_other_cause_made_it(scene):  # noqa: F811
+    """Whichever was found first, and what each frame's own motion adds to it is in proportion."""
+    change = 0.01 * scene.cloud.spacing * np.random.default_rng(0).normal(size=(1, scene.cloud.count, 3))
+    frame, w = int(scene.total_force.argmax()), 0.7
+    told = scene.under(turned(scene.forces), scene.jet)
+    (expected,) = FollowerLoad().remembered(told, np.array([w]), None)
+    for pair, theta, place in (
+        (Beside(ForceDirection(), FollowerLoad()), [*TURN, w], ("force", None)),
+        (Beside(FollowerLoad(), ForceDirection()), [w, *TURN], (None, "force")),
+    ):
+        (found,) = pair.remembered(scene, np.array(theta), place)
+        assert found.own(frame, change) == pytest.approx(expected.own(frame, change))
+        assert np.abs(found.own(frame, change)).max() > 0
+
+
 @pytest.mark.parametrize("place", ["nozzle", "force"])
 def test_a_jet_that_is_shifted_and_turned_is_one_jet(scene, place):  # noqa: F811
     """Turned about its nozzle after it was shifted; or its forces turned where the shifted one acts."""

@@ -8,6 +8,7 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.columns import Known
+from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import _shortened, _tried, refit
 from veo_ti.diagnosis.solved import solved
@@ -67,6 +68,25 @@ def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F
     brought = cost - _shortened(here, cost, 2 * whole, ends[2.0])[1]
     best = cost - min(end for _, end in ends.values())
     assert brought > 0.9 * best > 5 * (cost - ends[2.0][1])
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_a_fit_that_goes_on_begins_with_the_fingerprints_it_has(measured, model, others):  # noqa: F811
+    """At another noise it ends where a new one does; where other points count it takes fresh ones."""
+    start, rough = np.zeros(len(model.prior)), replace(model, s2=(3 * NOISE) ** 2)
+    first = refit(measured, rough, start, rough=True)
+    seen = measured.target.seen.copy()
+    seen[-1, np.flatnonzero(seen[-1])[:others]] = False
+    there = replace(first.without, target=replace(first.without.target, seen=seen))
+    ends, spent = [], []
+    for onward in (None, first):
+        fine = replace(model, s2=NOISE**2, effort=Effort())
+        ends.append(refit(there, fine, first.coefficients, onward=onward))
+        spent.append(fine.effort.spent)
+    assert all(end.converged for end in ends)
+    assert (spent[0] - spent[1] > 3) == (others == 0)
+    a, b = (end.scene.y for end in ends)
+    assert np.abs(a - b).max() < 0.1 * NOISE
 
 
 def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsewhere(measured, model):  # noqa: F811

@@ -15,7 +15,7 @@ from veo_ti.diagnosis import leaders
 from veo_ti.diagnosis.causes.history import Viscoelasticity
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.effort import Effort
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import _best_start, refit
 from veo_ti.diagnosis.run import Diagnosis, diagnose

@@ -8,7 +8,7 @@ import pytest
 
 from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.causes.surroundings import HiddenContact
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.sentence import size
 from veo_ti.diagnosis.verdict import Candidate, judge, stands, sufficient

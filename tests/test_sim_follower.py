@@ -1,5 +1,7 @@
 """Follower loads: area vectors of known deformations, and a pressure whose equilibrium has a closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from clouds import block, rotation
@@ -8,7 +10,7 @@ from scipy.optimize import brentq
 from sim.cloud import RestCloud
 from sim.elastic import Elastic
 from sim.energy import Energy
-from sim.follower import deformed_area, equilibrate_follower
+from sim.follower import Following, deformed_area, equilibrate_follower
 from sim.lame import Lame
 from sim.newton import NewtonOptions
 from sim.terms.handles import Handles
@@ -31,6 +33,26 @@ def test_area_vectors_of_a_stretched_box_are_those_of_its_faces(cloud):
     # (x, y, z) -> (2x, 3y, z/2): the face across x grows by 3 / 2, across y by 1, across z by 6.
     area = deformed_area(cloud, (cloud.x * [2, 3, 0.5])[None])[0]
     np.testing.assert_allclose(area, cloud.area * [1.5, 1.0, 6.0], atol=1e-15)
+
+
+def test_forces_that_turn_push_as_their_difference(cloud):
+    """Beside their own motion, by central differences; nothing where there is none."""
+    rng = np.random.default_rng(0)
+    y, change = (cloud.x + s * rng.normal(size=(1, cloud.count, 3)) * cloud.spacing for s in (0.05, 0.1))
+    change = np.concatenate([change - cloud.x, 2 * cloud.x[None]])
+    nominal = np.zeros_like(y)
+    nominal[:, cloud.area.any(axis=1)] = [0.3, -0.2, 0.5]
+
+    def following(y):
+        return Following(cloud=cloud, F=cloud.deformation_gradient(y), nominal=nominal)
+
+    here, h = following(y), 1e-5
+    for pushed, way in zip(here.own(0, change), change, strict=True):
+        expected = (following(y + h * way).there - following(y - h * way).there)[0] / (2 * h)
+        np.testing.assert_allclose(pushed, expected, atol=1e-6 * np.abs(expected).max())
+    outward = following((cloud.x @ rotation(0.9).T)[None]).there
+    np.testing.assert_allclose(outward[0], nominal[0] @ rotation(0.9).T, atol=1e-12)
+    assert here.acts(0) and not replace(here, nominal=0 * nominal).acts(0)
 
 
 def swollen_by(suction):

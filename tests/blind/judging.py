@@ -9,7 +9,7 @@ from blind.world import Trial
 from sim.runtime import ensure
 from veo_ti.diagnosis.causes import CATALOGUE
 from veo_ti.diagnosis.facts import facts
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.run import Diagnosis, diagnose
 from veo_ti.identification import identify
 from veo_ti.observation import Observation

@@ -10,12 +10,12 @@ from sim.solvers import KeptSolver
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.columns import discretisation
 from veo_ti.diagnosis.effort import Effort
+from veo_ti.diagnosis.fitted import Refit, everywhere
 from veo_ti.diagnosis.looks import CLOSER, LOOKS, WORTH, Progress
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import Noise, counted, measure_noise
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.solved import everywhere
 from veo_ti.evaluation import judged
 from veo_ti.identification import Identification
 
@@ -78,7 +78,7 @@ class Baseline:
                 break
             say("closer look at the baseline")
             noise, model = again, replace(model, s2=s2, prior=better.prior)
-            found = refit(_told(found.scene, whole.seen, noise), model, found.coefficients)
+            found = refit(_told(found.scene, whole.seen, noise), model, found.coefficients, onward=found)
         return cls(refit=everywhere(found), model=model, noise=noise, modes=modes)
 
 

@@ -9,7 +9,8 @@ from sim.energy import Energy
 from sim.newton import equilibrate
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.columns import directions_of
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.moments import moments
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import NEWTON

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.limits import limits
-from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
 from veo_ti.diagnosis.score import Score

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.looks import IN_REACH, LOOKS, NEARBY, Progress, Tried, beyond, looked, tried_once
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and

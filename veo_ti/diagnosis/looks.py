@@ -9,7 +9,8 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.causes.beside import Beside
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.placing import Spot, better_place
 from veo_ti.diagnosis.problem import Problem
@@ -113,7 +114,7 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
             most = _NO_WORSE * tried.staying
     again = refit(
         result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
-        rough=not fine, most=most,
+        rough=not fine, most=most, onward=None if moved else result,
     )  # fmt: skip
     after = Tried.of(again, tried.following, modes, fine=fine)
     if moved:  # it may lead back and forth

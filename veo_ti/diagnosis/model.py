@@ -1,22 +1,18 @@
-"""The model that a cause joins, and what a fit of it found."""
+"""The model that a cause joins."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sim.basis import Basis
-from sim.evidence import Normal, left_out, posterior
+from sim.evidence import Normal, posterior
 from sim.solvers import Solver
 from veo_ti.diagnosis.causes.base import Cause, Change
-from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.effort import Effort
-from veo_ti.diagnosis.moments import Fingerprints
 from veo_ti.diagnosis.scene import Scene
-
-OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
 
 
 def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
@@ -49,115 +45,3 @@ class Model:
         """
         choices = [np.concatenate([own, prior[len(own) :]]) for own in self.basis.priors()]
         return max([prior, *choices], key=lambda choice: posterior(normal, choice, np.sqrt(s2)).evidence)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Refit:
-    """The most probable parameters of a cause (None: of the baseline) and what they are worth."""
-
-    cause: Cause | None
-    place: Any
-    theta: np.ndarray  # (d,)
-    sd: np.ndarray  # (d,), of the posterior or of leaving out runs of frames, whichever is larger
-    covariance: np.ndarray  # (d, d) of the posterior
-    scene: Scene  # under the extended energy
-    without: Scene  # the same motion, before the cause joined the energy
-    coefficients: np.ndarray  # (K + E,), material and discretisation
-    normal: Normal  # the data linearised at the end
-    prior: np.ndarray  # (K + E + d,) variances of all unknowns
-    around: np.ndarray  # (K + E + d,) the unknowns there; zero for the discretisation, which the residual still holds
-    kept: Fingerprints
-    short: float  # nats that a further step promises; infinite where nothing can be said
-    converged: bool
-    numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Standard deviations (d,) with what the simulation itself gets wrong, which is 6 % of what the cause does.
-
-        `sd^2 + 0.06^2 (theta^T C^-1 theta) C_ii` with C the posterior covariance, of any scale: 0.06 |theta| for a
-        single parameter, and far more of one that hardly shows, since that much of any motion may look like it.
-        """
-        if isinstance(self.cause, Beside):
-            return np.concatenate([one.spread for one in self.apart()])
-        return self.beside_ours(self.sd)
-
-    def beside_ours(self, sd: np.ndarray) -> np.ndarray:
-        """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
-        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
-
-    @property
-    def worth(self) -> float:
-        """Nats that the parameters are worth, to second order: `theta^T C^-1 theta / 2`."""
-        return float(self.theta @ np.linalg.solve(self.covariance, self.theta)) / 2
-
-    def certain(self, nats: float = 0.0) -> bool:
-        """Whether the 95 % interval of one parameter, of two causes of the second one's, leaves out that it is zero.
-
-        nats: what it costs that the cause is absent, if that is known. Where its effect saturates, as with how stiff an
-        obstacle is, that is far more than `worth`, and the interval on that side so much shorter.
-        """
-        own = self.apart()[-1]
-        more = max(1.0, nats / max(own.worth, 1e-300))
-        return bool((np.abs(own.theta) > 1.96 * own.beside_ours(own.sd / np.sqrt(more))).any())
-
-    def evidence(self, s2: float) -> float:
-        """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
-        return posterior(self.normal, self.prior, np.sqrt(s2)).evidence
-
-    def tuned(self, model: Model, s2: float) -> "Refit":
-        """The same under the material's prior of highest evidence: what was wrong before may have kept it too stiff."""
-        return replace(self, prior=model.tuned(self.normal, self.prior, s2))
-
-    def used(self, s2: float) -> float:
-        """Effective number of fitted parameters at a variance of the noise [m2]."""
-        return float((posterior(self.normal, self.prior, np.sqrt(s2)).covariance * self.normal.A).sum() / s2)
-
-    def left_out(self, s2: float, blocks: int) -> float:
-        """Squared error [m2] of all training blocks, each predicted by the others, linearised at the end of the fit."""
-        residual = self.scene.target.residual(self.simulated)
-        parts = self.kept.parts(residual, self.scene.target.seen, self.around, blocks)
-        return float(left_out(parts, self.prior, np.sqrt(s2)).sum())
-
-    def apart(self) -> tuple["Refit", ...]:
-        """One for each cause where there are two, with the parameters that they have together."""
-        if not isinstance(self.cause, Beside):
-            return (self,)
-        n = len(self.coefficients)
-        return tuple(
-            replace(
-                self, cause=cause, place=at, theta=self.theta[own], sd=self.sd[own],
-                covariance=self.covariance[own, own], prior=np.concatenate([self.prior[:n], self.prior[n:][own]]),
-            )
-            for (cause, own), at in zip(self.cause.parts, self.place, strict=True)
-        )  # fmt: skip
-
-    def taken_in(self) -> "Refit":
-        """The same with the cause as part of model, loads and observation, so that the next one stands alone."""
-        scene = self.scene if self.cause is None else self.cause.told(self.scene, self.theta, self.place)
-        target = replace(scene.target, y=scene.target.y - (self.simulated - scene.y))
-        n, theta, given = len(self.coefficients), self.theta, self.normal
-        b = given.b[:n] - given.A[:n, n:] @ theta
-        c = given.c - 2 * given.b[n:] @ theta + theta @ given.A[n:, n:] @ theta
-        normal = Normal(A=given.A[:n, :n], b=b, c=float(c), count=given.count)
-        return replace(
-            self, scene=replace(scene, target=target), cause=None, theta=np.zeros(0), sd=np.zeros(0),
-            covariance=np.zeros((0, 0)),
-            normal=normal, prior=self.prior[:n], around=self.around[:n], kept=self.kept.first(n),
-        )  # fmt: skip
-
-    @property
-    def left(self) -> Scene:
-        """The scene whose residual is all that the prediction leaves, the discretisation's part taken in as well."""
-        target = replace(self.scene.target, y=self.scene.target.y - (self.shown - self.scene.y))
-        return replace(self.scene, target=target)
-
-    @property
-    def simulated(self) -> np.ndarray:
-        """Simulated positions as tracking would show them, (T, N, 3) [m]."""
-        return shown_by(self.scene, change_of(self.scene, self.cause, self.theta, self.place))
-
-    @property
-    def shown(self) -> np.ndarray:
-        """The prediction: simulated positions corrected by the discretisation's part, (T, N, 3) [m]."""
-        return self.simulated + self.numerics

@@ -21,14 +21,17 @@ _Frame = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fingerprints:
-    """The columns themselves, X (M, 3 n) of the n points seen in each of some frames, in single precision."""
+    """The columns themselves, X (M, 3 n) of the n points seen in each of some frames, and motions, each (M, N, 3): what
+    the body does, whatever tracking makes of it; in single precision."""
 
     frames: np.ndarray
     columns: tuple[np.ndarray, ...]
+    motions: tuple[np.ndarray, ...] = ()
 
     def first(self, rows: int) -> "Fingerprints":
         """The first columns only."""
-        return Fingerprints(frames=self.frames, columns=tuple(X[:rows] for X in self.columns))
+        columns, motions = (tuple(X[:rows] for X in each) for each in (self.columns, self.motions))
+        return Fingerprints(frames=self.frames, columns=columns, motions=motions)
 
     def normal(self, A: np.ndarray, residual: np.ndarray, seen: np.ndarray, at: np.ndarray) -> Normal:
         """The data linearised with these columns around unknowns `at` (M,) where they leave a residual (T, N, 3)."""
@@ -61,7 +64,6 @@ class Moments:
     nuisances: int
     modes: int
     kept: Fingerprints
-    motions: tuple[np.ndarray, ...] = ()  # of each frame (M, N, 3): what the body does, whatever tracking makes of it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,10 +131,9 @@ def moments(
             yield X, residual[t, seen].ravel() + a @ X[:K], modes[seen], cosines[n]
 
     normal = _summed(columns())
-    prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept))
+    prints = Fingerprints(frames=frames[: len(kept)], columns=tuple(kept), motions=tuple(motions))
     return Moments(
         normal=normal, nuisances=K + len(extra), modes=3 * modes.shape[1] * cosines.shape[1], kept=prints,
-        motions=tuple(motions),
     )  # fmt: skip
 
 

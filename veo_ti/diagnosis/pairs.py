@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
+from veo_ti.diagnosis.fitted import OURS, Refit
 from veo_ti.diagnosis.looks import Progress
-from veo_ti.diagnosis.model import OURS, Model, Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, told_apart
 from veo_ti.diagnosis.verdict import (

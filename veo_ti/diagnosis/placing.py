@@ -10,7 +10,8 @@ from sim.evidence import Posterior, posterior
 from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
-from veo_ti.diagnosis.model import Model, Refit, shown_by
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model, shown_by
 from veo_ti.diagnosis.moments import Fingerprints, answered, carried
 from veo_ti.diagnosis.scene import Scene
 

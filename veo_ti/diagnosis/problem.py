@@ -1,6 +1,6 @@
 """What a refit varies, its residual and its cost, and how they answer to a little of everything."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -94,7 +94,7 @@ class Problem:
             scene, self.model.basis, coefficients[: self.materials], self.model.extra, own,
             along=Along.with_cause(cause, scene, theta, place), keep=True,
         )  # fmt: skip
-        return Line(problem=self, A=found.normal.A, kept=found.kept, motions=found.motions)
+        return Line(problem=self, A=found.normal.A, kept=found.kept)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,13 +104,16 @@ class Line:
     problem: Problem
     A: np.ndarray
     kept: Fingerprints
-    motions: tuple[np.ndarray, ...]  # of the same frames, each (M, N, 3)
+
+    def first(self, rows: int) -> "Line":
+        """Of the first unknowns only."""
+        return replace(self, A=self.A[:rows, :rows], kept=self.kept.first(rows))
 
     def ahead(self, scene: Scene, change: np.ndarray) -> Scene:
         """The scene with the motion that a change of all unknowns leads to, to first order; without it in frames that
         it would turn inside out or nearly so."""
         y = scene.y.copy()
-        for t, S in zip(self.kept.frames, self.motions, strict=True):
+        for t, S in zip(self.kept.frames, self.kept.motions, strict=True):
             y[t] += np.tensordot(change.astype(np.float32), S, 1)
         there, smallest = scene.moved(scene.energy, y), np.linalg.det(scene.F).min(axis=1)
         open_ = np.linalg.det(there.F).min(axis=1) > _OPEN * np.minimum(smallest, 1.0)

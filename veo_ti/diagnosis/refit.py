@@ -7,7 +7,8 @@ import numpy as np
 
 from sim.direct import DirectFactors
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
@@ -16,7 +17,8 @@ from veo_ti.diagnosis.way import LEAST, SHARE, Reached, cost_of
 _STEPS = 12
 _ROUGH = 1e-2  # share of the cost, a predicted gain below which a rough fit is done
 _STALLED = 0.5  # of that, less than which a step may not bring with fresh fingerprints
-_SLOW, _CREEPING = 0.01, 3  # of the cost, that a step may bring at least; and times less, after which the fit ends
+_SLOW, _CREEPING = 0.01, 3  # of the cost, that a step may bring at least; and times less, after which the fit ends;
+_ROUGHLY_SLOW = 0.03  # of a rough one
 _CAUTION = 1.5  # largest change of log mu in one step
 _DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times; and
 _FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less is hardly shorter
@@ -39,6 +41,7 @@ def refit(
     since: np.ndarray | None = None,
     rough: bool = False,
     most: float = np.inf,
+    onward: Refit | None = None,
 ) -> Refit:
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
@@ -49,7 +52,8 @@ def refit(
     equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
     several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
     next to an instability, ends unconverged. rough: to a hundredth of the cost. most: of the cost, known to be had
-    elsewhere; given up where not even the whole way promises less.
+    elsewhere; given up where not even the whole way promises less. onward: a fit of the same that ended where this one
+    starts, whose fingerprints serve again where they are of the same points.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem, name = Problem.of(scene, model, cause, place), "" if cause is None else cause.name
@@ -58,7 +62,9 @@ def refit(
     if known is not None:
         return Reached.again(problem, scene, known).result
     state, cost = _best_start(problem, scene, start, theta, shift, since)
-    end, fresh, damping, slow = Reached.of(problem, state), True, 0.0, 0
+    fresh = onward is None or not onward.serves(scene)
+    end = Reached.of(problem, state) if fresh else Reached.onward(problem, state, onward)
+    damping, slow = 0.0, 0
     for made in range(_STEPS + 1):
         way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
@@ -67,7 +73,7 @@ def refit(
         if smaller is not None and fresh:
             smaller = _shortened(end, cost, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
-        slow += 0 < brought < _SLOW * cost
+        slow += 0 < brought < (_ROUGHLY_SLOW if rough else _SLOW) * cost
         stalled = brought < _STALLED * least
         if stalled and fresh:
             break

@@ -7,12 +7,12 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
+from veo_ti.diagnosis.fitted import Refit, everywhere
 from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, look_alikes, refitted
 from veo_ti.diagnosis.looks import Progress
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
-from veo_ti.diagnosis.solved import everywhere
 from veo_ti.diagnosis.verdict import (
     CLEAR,
     EXPLAINED,

@@ -10,13 +10,12 @@ from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.effort import STEPS, Effort
+from veo_ti.diagnosis.fitted import OURS, Refit, everywhere
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
-from veo_ti.diagnosis.model import OURS, Refit
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
-from veo_ti.diagnosis.solved import everywhere
 from veo_ti.diagnosis.verdict import (
     CLEAR,
     MISFIT,

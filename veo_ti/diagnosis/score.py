@@ -11,7 +11,8 @@ from scipy.special import log_ndtr, logsumexp
 from sim.evidence import Posterior, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
-from veo_ti.diagnosis.model import Model, Refit
+from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.moments import Along, Moments, moments, moments_of
 from veo_ti.diagnosis.visible import surely_visible
 

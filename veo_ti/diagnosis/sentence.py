@@ -3,7 +3,7 @@
 import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
 

@@ -12,7 +12,6 @@ from sim.energy import Energy
 from sim.newton import NewtonOptions, Status, equilibrate
 from sim.sensitivity import Past
 from sim.through_time import Settled, settle
-from veo_ti.diagnosis.model import Refit
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 
@@ -68,16 +67,6 @@ def solved(
     )  # fmt: skip
 
 
-def everywhere(found: Refit) -> Refit:
-    """A fit with the frames in equilibrium as well that did not train, as far as they have one."""
-    scene, frames = found.scene, np.flatnonzero(~found.scene.train)
-    if len(frames) == 0 or (found.cause is not None and found.cause.spans):
-        return found
-    there = equilibrate(scene.energy.frames(frames), scene.y[frames], options=replace(NEWTON, iterations=60))
-    y = _with_frames(scene.y, frames, there.y)
-    return replace(found, scene=scene.moved(scene.energy, y), without=found.without.moved(found.without.energy, y))
-
-
 def _through_time(
     problem: Problem, scene: Scene, energy: Energy, theta: np.ndarray, still: float, factors: DirectFactors | None,
     hopeless: Callable[[Scene], bool],
@@ -131,7 +120,7 @@ def _in_rounds(
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
         there = equilibrate(extended.frames(frames), scene.y[frames], options=options, solver=solver)
         model.effort.spend(there.iterations.mean())
-        y = _with_frames(scene.y, frames, there.y)
+        y = with_frames(scene.y, frames, there.y)
         at, failed = scene.moved(extended, y), frames[[s is not Status.CONVERGED for s in there.status]]
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, y][-_DEPTH:]
         settled, found = np.sqrt(((y - scene.y) ** 2).mean()) < still, not scene.train[failed].any()
@@ -142,7 +131,8 @@ def _in_rounds(
     return at, found
 
 
-def _with_frames(y: np.ndarray, frames: np.ndarray, there: np.ndarray) -> np.ndarray:
+def with_frames(y: np.ndarray, frames: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Positions y (T, N, 3) with those of some frames replaced."""
     y = y.copy()
     y[frames] = there
     return y

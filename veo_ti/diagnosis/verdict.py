@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from veo_ti.diagnosis.model import OURS, Refit
+from veo_ti.diagnosis.fitted import OURS, Refit
 from veo_ti.diagnosis.score import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong

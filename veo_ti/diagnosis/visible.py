@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.noise import evenness
 from veo_ti.diagnosis.scene import Scene
 

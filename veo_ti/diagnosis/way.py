@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from sim.evidence import Normal, Posterior, jackknife, posterior
-from veo_ti.diagnosis.model import Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.problem import Line, Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
@@ -93,6 +93,11 @@ class Reached:
         return cls(state=state, line=line, told=replace(state, factors=None))
 
     @classmethod
+    def onward(cls, problem: Problem, state: Solved, found: Refit) -> "Reached":
+        """With the fingerprints of a fit of the same cause that ended nearby."""
+        return cls(state=state, line=replace(found.line, problem=problem), told=found.told)
+
+    @classmethod
     def again(cls, problem: Problem, scene: Scene, arrays: Mapping[str, np.ndarray]) -> "Reached":
         """From its arrays, for the effort that was spent then."""
 
@@ -120,10 +125,10 @@ class Reached:
     @property
     def result(self) -> Refit:
         """What a fit that ends here found."""
-        state, problem, kept, way = self.state, self.line.problem, self.line.kept, self.way
+        state, problem, way = self.state, self.line.problem, self.way
         n = len(state.coefficients)
         around, residual = problem.around(state.coefficients, state.theta), problem.residual(state.scene, state.theta)
-        parts = kept.parts(residual, state.scene.target.seen, around, _PARTS)
+        parts = self.line.kept.parts(residual, state.scene.target.seen, around, _PARTS)
         unsure = _T * jackknife(parts, problem.prior, np.sqrt(problem.model.s2))
         sd, cost = np.maximum(np.sqrt(np.diagonal(way.found.covariance)), unsure), cost_of(problem, state)
         broken = way.broken(cost)
@@ -131,6 +136,7 @@ class Reached:
         return Refit(
             cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
             covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,
-            normal=way.normal, prior=problem.prior, around=around, kept=kept, short=np.inf if broken else way.gain,
+            normal=way.normal, prior=problem.prior, around=around, short=np.inf if broken else way.gain,
             converged=way.gain < max(LEAST, 2 * SHARE * cost), numerics=problem.numerics(best),
+            line=self.line, told=self.told,
         )  # fmt: skip

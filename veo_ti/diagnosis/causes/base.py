@@ -22,7 +22,7 @@ class Parameter:
     unit: str
     sd: float
     positive: bool = False
-    most: float = np.inf  # beyond which nothing would be left to deform
+    most: float = np.inf  # which it never reaches: nothing would be left to deform, or a body would turn over
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

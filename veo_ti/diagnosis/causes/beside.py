@@ -70,8 +70,12 @@ class Beside(Cause):
         return (lambda *moved: sum(c(*moved) for c in some)) if some else None
 
     def remembered(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Past, ...]:
-        """By both."""
-        return tuple(r for cause, own, at in self._placed(place) for r in cause.remembered(scene, theta[own], at))
+        """By both, the second one's of what the first one makes of the loads."""
+        found: tuple[Past, ...] = ()
+        for cause, own, at in self._in_turn(place):
+            found += tuple(cause.remembered(scene, theta[own], at))
+            scene = cause.told(scene, theta[own], at)
+        return found
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Each as it steps alone."""

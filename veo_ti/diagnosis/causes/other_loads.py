@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sim.follower import Following
+from sim.sensitivity import Past
 from sim.terms.jet import Jet
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.loads import added
 from veo_ti.diagnosis.scene import Scene
+
+_ALL = 1.2  # of a load; more than all of it turns only as far as the simulation itself is off
 
 
 class OtherLoads(Cause):
@@ -145,12 +149,15 @@ class FollowerLoad(OtherLoads):
 
     name = "follower_load"
     sentence = "The force turns and spreads with the surface it acts on instead of keeping its direction."
-    parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True),)
+    parameters = (Parameter(name="share", unit="-", sd=0.5, positive=True, most=_ALL),)
     follows = True
     rank = 4  # it carries what comes at a frame
 
     def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
         """Carried along by the deformation of the baseline's motion."""
-        J = np.linalg.det(scene.F)[..., None, None]
-        carried = np.einsum("tnba,tnb->tna", np.linalg.inv(scene.F) * J, scene.forces)
-        return scene.forces + theta[0] * (carried - scene.forces), scene.jet
+        there = Following(cloud=scene.cloud, F=scene.F, nominal=scene.forces).there
+        return scene.forces + theta[0] * (there - scene.forces), scene.jet
+
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Past, ...]:
+        """How it turns on."""
+        return (Following(cloud=scene.cloud, F=scene.F, nominal=theta[0] * scene.forces),)
