@@ -14,7 +14,7 @@ from test_diagnosis_unsure import left_by
 from veo_ti import cli
 from veo_ti.diagnosis import pairs, run
 from veo_ti.diagnosis import refit as refits
-from veo_ti.diagnosis.effort import Effort
+from veo_ti.diagnosis.effort import LINEARISATION, Effort
 from veo_ti.diagnosis.facts import facts
 from veo_ti.diagnosis.run import diagnose
 from veo_ti.diagnosis.verdict import Verdict, named
@@ -76,16 +76,22 @@ def test_effort_is_positive(tmp_path, capsys):
     assert "effort must be positive; got 0" in capsys.readouterr().err
 
 
-def test_a_fit_that_creeps_ends(measured, model, monkeypatch):  # noqa: F811
-    """Where every step brings a two-hundredth of the cost, though all promise far more, a few tell enough."""
+@pytest.mark.parametrize("short", [False, True])
+def test_a_fit_that_creeps_ends(measured, model, monkeypatch, short):  # noqa: F811
+    """Where every step brings a two-hundredth of the cost, a few tell enough: whole ones, which promise far more, or
+    short ones, which do not, and for which old fingerprints serve, but not to the end."""
     costs = []
 
     def creeping(end, cost, damping, tries):
         costs.append(cost)
-        return (end.state, 0.995 * cost), end.way.change, damping
+        share = 0.0025 * cost / end.way.gain if short else 1.0
+        return (end.state, 0.995 * cost), share * end.way.change, damping
 
     monkeypatch.setattr(refits, "_lower", creeping)
     monkeypatch.setattr(refits, "_shortened", lambda end, cost, step, whole: whole)
-    found = refits.refit(measured, replace(model, s2=1e-2 * model.s2), np.zeros(len(model.prior)))
+    alone = replace(model, s2=1e-2 * model.s2, effort=Effort())
+    found = refits.refit(measured, alone, np.zeros(len(model.prior)))
     assert not found.converged and found.short > 0.1 * costs[0]
     assert 2 <= len(costs) < 5
+    if short:
+        assert 2 * LINEARISATION <= alone.effort.spent < 3 * LINEARISATION

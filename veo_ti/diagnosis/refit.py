@@ -51,9 +51,9 @@ def refit(
     leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost or leads to no
     equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
     several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
-    next to an instability, ends unconverged. rough: to a hundredth of the cost. most: of the cost, known to be had
-    elsewhere; given up where not even the whole way promises less. onward: a fit of the same that ended where this one
-    starts, whose fingerprints serve again where they are of the same points.
+    next to an instability, ends unconverged, though not by old ones. rough: to a hundredth of the cost. most: of the
+    cost, known to be had elsewhere; given up where not even the whole way promises less. onward: a fit of the same that
+    ended where this one starts, whose fingerprints serve again where they are of the same points.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem, name = Problem.of(scene, model, cause, place), "" if cause is None else cause.name
@@ -74,11 +74,13 @@ def refit(
             smaller = _shortened(end, cost, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
         slow += 0 < brought < (_ROUGHLY_SLOW if rough else _SLOW) * cost
+        doubtful = slow == _CREEPING and not fresh
+        slow -= doubtful
         stalled = brought < _STALLED * least
         if stalled and fresh:
             break
         state, cost = smaller or (state, cost)
-        fresh = stalled or brought < _KEPT * way.promised(step)
+        fresh = stalled or doubtful or brought < _KEPT * way.promised(step)
         end = Reached.of(problem, state) if fresh else replace(end, state=state)
     model.checkpoints.keep(name, asked, end.arrays)
     return end.result
