@@ -55,10 +55,7 @@ def deformed_area(cloud: RestCloud, y: np.ndarray) -> np.ndarray:
     """Outward area vectors `a_i = J F^-T A_i` (T, N, 3) [m2] of the poses y (T, N, 3) [m] (Nanson's formula)."""
     out = np.zeros((*y.shape[:2], 3))
     outer = np.flatnonzero(cloud.area.any(axis=1))
-    F = cloud.deformation_gradient(y)[:, outer]
-    a, b, c = (F[..., n] for n in range(3))
-    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)  # J F^-T, also where F is flat
-    out[:, outer] = np.einsum("tnab,nb->tna", cofactor, cloud.area[outer])
+    out[:, outer] = np.einsum("tnab,nb->tna", _cofactor(cloud.deformation_gradient(y)[:, outer]), cloud.area[outer])
     return out
 
 
@@ -75,8 +72,8 @@ class Following:
 
     @cached_property
     def there(self) -> np.ndarray:
-        """(T, N, 3) [N]."""
-        return np.linalg.det(self.F)[..., None] * np.einsum("tnba,tnb->tna", self._inverse, self.nominal)
+        """The forces there are, (T, N, 3) [N]."""
+        return np.einsum("tnab,tnb->tna", _cofactor(self.F), self.nominal)
 
     def force(self, frame: int) -> float:
         """None of the frames before."""
@@ -102,6 +99,12 @@ class Following:
     @cached_property
     def _inverse(self) -> np.ndarray:
         return np.linalg.inv(self.F)
+
+
+def _cofactor(F: np.ndarray) -> np.ndarray:
+    """J F^-T, also where F (T, N, 3, 3) is flat."""
+    a, b, c = (F[..., n] for n in range(3))
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
 
 
 def equilibrate_follower(
