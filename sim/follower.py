@@ -84,27 +84,26 @@ class Following:
         return bool(self.nominal[frame].any())
 
     def own(self, frame: int, change: np.ndarray) -> np.ndarray:
-        """`d cof(F) f = (F^-1 : dF^T) cof(F) f - F^-T dF^T cof(F) f` of changes (K, N, 3) [m]."""
+        """`d cof(F) f` of changes (K, N, 3) [m]."""
         at, out = np.flatnonzero(self.nominal[frame].any(axis=1)), np.zeros(change.shape)
         arms = change[:, self.cloud.neighbours[at]] - change[:, at, None]
-        G, dF = self._inverse[frame, at], np.einsum("knca,ncb->knab", arms, self.cloud.gradients[at])
-        there = self.there[frame, at]
-        back = np.einsum("knab,na->knb", dF, there)
-        out[:, at] = np.einsum("nba,knab->kn", G, dF)[..., None] * there - np.einsum("nba,knb->kna", G, back)
+        F, dF = self.F[frame, at], np.einsum("knca,ncb->knab", arms, self.cloud.gradients[at])
+        out[:, at] = np.einsum("knab,nb->kna", _crossed(F, dF) + _crossed(dF, F), self.nominal[frame, at])
         return out
 
     def keep(self, frame: int, change: np.ndarray) -> None:
         """Nothing."""
 
-    @cached_property
-    def _inverse(self) -> np.ndarray:
-        return np.linalg.inv(self.F)
-
 
 def _cofactor(F: np.ndarray) -> np.ndarray:
-    """J F^-T, also where F (T, N, 3, 3) is flat."""
-    a, b, c = (F[..., n] for n in range(3))
-    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    """`J F^-T`, also where F (..., 3, 3) is flat."""
+    return _crossed(F, F)
+
+
+def _crossed(F: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """What is the cofactor where F = G: linear in both, column by column."""
+    (a, b, c), (d, e, f) = (tuple(M[..., n] for n in range(3)) for M in (F, G))
+    return np.stack([np.cross(b, f), np.cross(c, d), np.cross(a, e)], axis=-1)
 
 
 def equilibrate_follower(
