@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from veo_ti.diagnosis import leaders, looks
@@ -119,3 +120,19 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, roug
     found = leaders.refitted(given, current, SimpleNamespace(s2=9.0, effort=Effort()), 1.0, None, str, beside=before)
     assert begun == followed
     assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0
+
+
+def test_a_fit_is_given_up_that_promises_far_less_than_another_reached(monkeypatch):
+    asked, costs = [], {"a": 40.0, "b": 4.0, "c": 9.0}
+
+    def tried_once(found, current, model, say, most):
+        asked.append(most / 4.0)
+        return SimpleNamespace(cost=costs[found.name])
+
+    monkeypatch.setattr(leaders, "tried_once", tried_once)
+    monkeypatch.setattr(leaders.Tried, "of", lambda result, *_, fine: SimpleNamespace(result=result, left=1.0))
+    monkeypatch.setattr(leaders, "looked", lambda tried, *_: tried)
+    model = SimpleNamespace(s2=1.0)
+    tried, _ = leaders._looked_at(scores(*((n, 1, 1) for n in "abc")), None, model, 1.0, None, str, np.inf, 0.0)
+    assert asked[0] == np.inf and asked[1] == 10 * asked[2] and asked[2] > 2
+    assert [one.result.cost for one in tried] == list(costs.values())

@@ -33,7 +33,8 @@ class Refit:
     normal: Normal  # the data linearised at the end
     prior: np.ndarray  # (K + E + d,) variances of all unknowns
     around: np.ndarray  # (K + E + d,) the unknowns there; zero for the discretisation, which the residual still holds
-    short: float  # nats that a further step promises; infinite where nothing can be said
+    cost: float  # minus the log posterior, and
+    short: float  # nats of it that a further step promises; infinite where nothing can be said
     converged: bool
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
     line: Line  # the fingerprints, and

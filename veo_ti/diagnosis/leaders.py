@@ -16,6 +16,7 @@ _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, s
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _AS_MUCH = 0.8  # share of the best score that one must reach which the nuisances imitate
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
+_BEHIND = 2.5  # times what another costs, more than which no fit may promise to cost at its end
 _NEARLY = 0.2  # share of the variance that a cause must leave for its refit to go to the end
 
 
@@ -105,7 +106,10 @@ def _looked_at(
     at what it leaves, a few times, unless another leaves far less; known: what others were known to leave; rough: what
     any may leave and not be left behind.
     """
-    tried = [Tried.of(tried_once(found, current, model, say), model, modes, fine=False) for found in leaders]
+    tried: list[Tried] = []
+    for found in leaders:
+        most = _BEHIND * min((t.result.cost for t in tried), default=np.inf)
+        tried.append(Tried.of(tried_once(found, current, model, say, most), model, modes, fine=False))
     enough, reached = max(_NEARLY * model.s2, IN_REACH * floor), model.s2
     for _ in range(LOOKS):
         least, before = max(rough, _nearest(known, tried)), tried

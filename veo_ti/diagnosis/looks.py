@@ -73,8 +73,9 @@ class Tried:
         return better_place(result, self.following)
 
 
-def tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Refit:
-    """A cause refitted at the place of its score, beside what `current` holds."""
+def tried_once(found: Score, current: Refit, model: Model, say: Progress, most: float) -> Refit:
+    """A cause refitted at the place of its score, beside what `current` holds; given up where it promises to cost over
+    `most` even at its end."""
     say(f"refit with {found.name}")
     here = current.coefficients
     place, start, far = _begun(found.cause, found.place, here, model)
@@ -82,10 +83,10 @@ def tried_once(found: Score, current: Refit, model: Model, say: Progress) -> Ref
         both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
         theta = np.concatenate([current.theta, own])
         where = (current.place, place)
-        return refit(current.without, model, start, cause=both, place=where, theta=theta, rough=True)
+        return refit(current.without, model, start, cause=both, place=where, theta=theta, rough=True, most=most)
     theta, shift = (found.theta, found.nuisances - here) if far is None else (far, None)
     return refit(
-        current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift, rough=True
+        current.scene, model, start, cause=found.cause, place=place, theta=theta, shift=shift, rough=True, most=most
     )  # fmt: skip
 
 

@@ -136,7 +136,7 @@ class Reached:
         return Refit(
             cause=problem.cause, place=problem.place, theta=state.theta, sd=sd[n:],
             covariance=way.found.covariance[n:, n:], scene=state.scene, without=state.without, coefficients=best,
-            normal=way.normal, prior=problem.prior, around=around, short=np.inf if broken else way.gain,
-            converged=way.gain < max(LEAST, 2 * SHARE * cost), numerics=problem.numerics(best),
-            line=self.line, told=self.told,
+            normal=way.normal, prior=problem.prior, around=around, cost=cost,
+            short=np.inf if broken else way.gain, converged=way.gain < max(LEAST, 2 * SHARE * cost),
+            numerics=problem.numerics(best), line=self.line, told=self.told,
         )  # fmt: skip
