@@ -89,12 +89,14 @@ def test_a_fit_that_goes_on_begins_with_the_fingerprints_it_has(measured, model,
     assert np.abs(a - b).max() < 0.1 * NOISE
 
 
-def test_a_fit_is_given_up_where_the_whole_way_promises_less_than_is_known_elsewhere(measured, model):  # noqa: F811
-    """The first step tells how low a cost may be in reach."""
+def test_a_fit_is_given_up_where_more_is_known_elsewhere_than_the_whole_way_may_bring(measured, model):  # noqa: F811
+    """The first step tells how low a cost may be in reach: a quarter more than it promises, which here is right."""
     start, rough = np.zeros(len(model.prior)), replace(model, s2=NOISE**2)
-    found = refit(measured, rough, start)
-    least = Problem.of(measured, rough).cost(found.scene, found.coefficients, found.theta)
-    hopeless, possible = (refit(measured, rough, start, most=share * least) for share in (0.5, 2.0))
+    found, first = refit(measured, rough, start), solved(Problem.of(measured, rough), measured, start, np.zeros(0))
+    before = Problem.of(measured, rough).cost(first.scene, start, np.zeros(0))
+    hopeless, possible = (
+        refit(measured, rough, start, most=before - times * (before - found.cost)) for times in (1.4, 0.9)
+    )
     assert found.converged and np.abs(found.coefficients - start).max() > 0.1
-    assert not hopeless.converged and (hopeless.coefficients == start).all()
+    assert not hopeless.converged and np.abs(hopeless.coefficients - start).max() < 0.01
     assert possible.coefficients == pytest.approx(found.coefficients)

@@ -176,7 +176,7 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
     free = SimpleNamespace(
         within=lambda step, most: 1.0, stepped=lambda theta, change: theta, turned=lambda theta, before: False
     )  # fmt: skip
-    way = Way(normal=None, found=None, change=np.ones(1), curvature=np.eye(1))
+    way = Way(normal=None, found=None, whole=np.ones(1), curvature=np.eye(1), room=np.full(1, np.inf))
     here = reached(free, way, coefficients=np.zeros(1), theta=np.zeros(0))
 
     def lower(damping: float) -> tuple[float, float]:
@@ -205,26 +205,9 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
     beta = StrainStiffening()
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
     monkeypatch.setattr(Problem, "within", lambda self, step, most: 1.0)
-    way = Way(normal=None, found=None, change=np.array([-1.5]), curvature=np.eye(1))
+    way = Way(normal=None, found=None, whole=np.array([-1.5]), curvature=np.eye(1), room=np.full(1, np.inf))
     here = reached(problem, way, coefficients=np.zeros(0), theta=np.array([1.0]))
     (state, _), _, damping = _lower(here, 1.0, 0.0, 5)
     assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and damping == 1.0
     assert problem.turned(np.array([-0.1]), np.array([0.1]))
     assert not problem.turned(np.array([-0.2]), np.array([-0.1]))  # what began there may stay
-
-
-def test_a_damped_step_goes_down_and_promises_less():
-    """The cost of a quadratic bowl is what the step promises, and the undamped step leads to its bottom."""
-    random = np.random.default_rng(4)
-    root, bottom = random.normal(size=(5, 5)), random.normal(size=5)
-    curvature = root @ root.T + np.eye(5)
-    way = Way(normal=None, found=None, change=bottom, curvature=curvature)
-
-    def cost(x: np.ndarray) -> float:
-        return float(0.5 * (x - bottom) @ curvature @ (x - bottom))
-
-    steps = [way.damped(damping) for damping in (0.0, 0.1, 1.0, 10.0)]
-    promised = [way.promised(step) for step in steps]
-    assert promised == pytest.approx([cost(np.zeros(5)) - cost(step) for step in steps])
-    assert promised[0] == pytest.approx(way.gain) == pytest.approx(cost(np.zeros(5)))
-    assert (np.diff(promised) < 0).all() and promised[-1] > 0

@@ -16,7 +16,7 @@ _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, s
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _AS_MUCH = 0.8  # share of the best score that one must reach which the nuisances imitate
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
-_BEHIND = 2.5  # times what another costs, more than which no fit may promise to cost at its end
+_BEHIND = 2.5  # times the cost of another fit, more than which one is given up that does not promise less
 _NEARLY = 0.2  # share of the variance that a cause must leave for its refit to go to the end
 
 

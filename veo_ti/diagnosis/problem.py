@@ -54,6 +54,11 @@ class Problem:
         """The cause's parameters (d,) after a step."""
         return theta if self.cause is None else self.cause.stepped(theta, change)
 
+    def room(self, theta: np.ndarray) -> np.ndarray:
+        """The largest change of all unknowns (K + E + d,), which only parameters of the cause bound."""
+        own = np.zeros(0) if self.cause is None else self.cause.room(theta)
+        return np.concatenate([np.full(len(self.prior) - len(own), np.inf), own])
+
     def turned(self, theta: np.ndarray, before: np.ndarray) -> bool:
         """Whether a parameter that physics wants positive ceased to be: such a body may have no equilibrium at all."""
         return self.cause is not None and bool(((theta <= 0) & (before > 0) & self.cause.positive).any())

@@ -24,6 +24,7 @@ _DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and ti
 _FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less is hardly shorter
 _TRIES = 5  # of a step, ever more damped; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
+_PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
 _PART = 0.8  # of a step, longer than which its best part is no other
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
@@ -52,8 +53,9 @@ def refit(
     equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
     several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
     next to an instability, ends unconverged, though not by old ones. rough: to a hundredth of the cost. most: of the
-    cost, known to be had elsewhere; given up where not even the whole way promises less. onward: a fit of the same that
-    ended where this one starts, whose fingerprints serve again where they are of the same points.
+    cost, known to be had elsewhere; given up where not even a quarter more than the whole way promises leads there.
+    onward: a fit of the same that ended where this one starts, whose fingerprints serve again where they are of the
+    same points.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem, name = Problem.of(scene, model, cause, place), "" if cause is None else cause.name
@@ -67,7 +69,8 @@ def refit(
     damping, slow = 0.0, 0
     for made in range(_STEPS + 1):
         way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
-        if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or cost - way.gain > most:
+        hopeless = cost - _PROMISED * way.gain > most
+        if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or hopeless:
             break
         smaller, step, damping = _lower(end, cost, damping, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is not None and fresh:

@@ -27,12 +27,13 @@ def cost_of(problem: Problem, state: Solved) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Way:
-    """From a state to the most probable unknowns of its linearisation."""
+    """From a state to the most probable unknowns of its linearisation, as far as they can go."""
 
     normal: Normal
     found: Posterior
-    change: np.ndarray  # of all unknowns
+    whole: np.ndarray  # change of all unknowns, as far as it may be
     curvature: np.ndarray  # of the cost
+    room: np.ndarray  # the largest change of each
 
     @classmethod
     def of(cls, line: Line, state: Solved) -> "Way":
@@ -40,13 +41,19 @@ class Way:
         s2, prior = line.problem.model.s2, line.problem.prior
         normal = line.normal(state.scene, state.coefficients, state.theta)
         found = posterior(normal, prior, np.sqrt(s2))
-        change = found.mean - np.concatenate([state.coefficients, state.theta])
-        return cls(normal=normal, found=found, change=change, curvature=normal.A / s2 + np.diag(1 / prior))
+        whole = found.mean - np.concatenate([state.coefficients, state.theta])
+        curvature, room = normal.A / s2 + np.diag(1 / prior), line.problem.room(state.theta)
+        return cls(normal=normal, found=found, whole=whole, curvature=curvature, room=room)
 
-    @property
+    @cached_property
+    def change(self) -> np.ndarray:
+        """Of all unknowns: where one has no room for all of it, the others do what is best beside that."""
+        return self._possible(self.whole, self.curvature)
+
+    @cached_property
     def gain(self) -> float:
         """Nats that it promises."""
-        return float(0.5 * self.change @ self.curvature @ self.change)
+        return self.promised(self.change)
 
     def broken(self, cost: float) -> bool:
         """Whether it promises more than there is: next to an instability fingerprints have no digit left."""
@@ -66,8 +73,17 @@ class Way:
         """The step of a curvature with so much more of its diagonal."""
         if not damping:
             return self.change
-        diagonal = np.diag(np.diagonal(self.curvature))
-        return np.linalg.solve(self.curvature + damping * diagonal, self.curvature @ self.change)
+        damped = self.curvature + damping * np.diag(np.diagonal(self.curvature))
+        return self._possible(np.linalg.solve(damped, self.curvature @ self.whole), damped)
+
+    def _possible(self, step: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+        held = step > self.room
+        if not held.any():
+            return step
+        lost, free = step[held] - self.room[held], ~held
+        step = np.where(held, self.room, step)
+        step[free] += np.linalg.solve(curvature[np.ix_(free, free)], curvature[np.ix_(free, held)] @ lost)
+        return step
 
     def promised(self, step: np.ndarray) -> float:
         """Nats by another step."""
@@ -75,7 +91,7 @@ class Way:
 
     def slope(self, step: np.ndarray) -> float:
         """Nats by it to first order."""
-        return float(step @ self.curvature @ self.change)
+        return float(step @ self.curvature @ self.whole)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,6 +11,7 @@ from sim.terms.base import Term
 from veo_ti.diagnosis.scene import Scene
 
 _FOLDS = 2.0  # powers of e, by which the distance from the most that a parameter can be may change in one step
+_STRAIGHT = 1.0  # of them, up to which that is as straight as the fingerprint says
 _FEW = 5  # frames below which nothing can be seen to happen over time
 
 
@@ -174,6 +175,10 @@ class Cause:
         room = np.where(limited, most - theta, 1.0)
         curved = theta - room * np.expm1(np.clip(-change / room, -_FOLDS, _FOLDS))
         return np.where(limited, curved, theta + change)
+
+    def room(self, theta: np.ndarray) -> np.ndarray:
+        """The largest change (d,) by which such a step goes on about as far as it says."""
+        return _STRAIGHT * (np.array([p.most for p in self.parameters]) - theta)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """Prior standard deviations (d,) of the parameters for this object."""

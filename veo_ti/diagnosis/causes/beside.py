@@ -81,6 +81,10 @@ class Beside(Cause):
         """Each as it steps alone."""
         return np.concatenate([cause.stepped(theta[own], change[own]) for cause, own in self.parts])
 
+    def room(self, theta: np.ndarray) -> np.ndarray:
+        """Of each."""
+        return np.concatenate([cause.room(theta[own]) for cause, own in self.parts])
+
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
         """One of both moved, unless it is one that lags."""
         first, second = place

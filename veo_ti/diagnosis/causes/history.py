@@ -69,6 +69,10 @@ class Softening(Cause):
         """No further than stress rises with strain."""
         return np.minimum(super().stepped(theta, change), _UPRIGHT)
 
+    def room(self, theta: np.ndarray) -> np.ndarray:
+        """Up to there."""
+        return np.minimum(super().room(theta), (1 - theta) * np.log((1 - theta) / (1 - _UPRIGHT)))
+
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """The damage that the simulated motion has done so far."""
         return Change(terms=self._damaged(scene, theta, place).terms())
