@@ -69,7 +69,7 @@ def refit(
     damping, slow = 0.0, 0
     for made in range(_STEPS + 1):
         way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
-        hopeless = cost - _PROMISED * way.gain > most
+        hopeless = fresh and cost - _PROMISED * way.gain > most
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or hopeless:
             break
         smaller, step, damping = _lower(end, cost, damping, _TRIES if fresh else _TRIES_WITH_OLD)
