@@ -287,6 +287,10 @@ def test_command_line_sends_beam_takes_here(tmp_path, monkeypatch, capsys):
     assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == found and "It rings." in said.err
+    for command, option in (("diagnose", "--modes=20"), ("diagnose", "--effort=9.5"), ("run", "--every=3")):
+        assert main([command, str(tmp_path), "--out", str(tmp_path / "out"), option]) == 2
+        name, value = option.split("=")
+        assert f"{name} must be left out" in (said := capsys.readouterr().err) and said.endswith(f"got {value}\n")
 
 
 # The real takes, on few points and hypotheses, by the shapes alone.

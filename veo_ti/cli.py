@@ -7,7 +7,8 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
-from veo_ti import cli_capture, cli_footage, cli_reconstruct
+from veo_ti import cli_beam, cli_capture, cli_footage, cli_reconstruct
+from veo_ti.cli_beam import EVERY, MODES
 from veo_ti.diagnosis.effort import STEPS
 
 app = App(
@@ -23,8 +24,8 @@ def run(
     source: Annotated[str, Parameter(name="INPUT")],
     *,
     out: Path,
-    modes: int = 80,
-    every: int = 4,
+    modes: int = MODES,
+    every: int = EVERY,
     paper: bool = False,
     diagnose: bool = True,
     device: cli_reconstruct.Device = "cpu",
@@ -53,17 +54,19 @@ def run(
     folder = Path(source)
     if cli_reconstruct.is_recording(folder):
         return cli_reconstruct.run_recording(folder, out, modes, every)
-    if folder.is_dir() and list(folder.glob("beam_*.npz")):
-        from veo_ti.beam_report import run_beam
-
-        metrics = run_beam(folder, out)
-        return {**metrics, "diagnosis": _beam_diagnosis(folder, out / "release")} if diagnose else metrics
+    if cli_beam.is_beam(folder):
+        return cli_beam.run(folder, out, diagnosed=diagnose, modes=modes, every=every, paper=paper)
     return _identify(source, out, modes, every, paper, diagnose)
 
 
 @app.command
 def identify(
-    source: Annotated[str, Parameter(name="INPUT")], *, out: Path, modes: int = 80, every: int = 4, paper: bool = False
+    source: Annotated[str, Parameter(name="INPUT")],
+    *,
+    out: Path,
+    modes: int = MODES,
+    every: int = EVERY,
+    paper: bool = False,
 ) -> dict[str, object]:
     """Learn per-point Lame parameters from INPUT and judge them on held-out frames.
 
@@ -77,14 +80,14 @@ def diagnose(
     source: Annotated[str, Parameter(name="INPUT")],
     *,
     out: Path,
-    modes: int = 80,
-    every: int = 4,
+    modes: int = MODES,
+    every: int = EVERY,
     second: bool = True,
     effort: float = STEPS,
 ) -> dict[str, object]:
     """Say what a simulation of INPUT gets wrong, which physical cause explains it, and what knowing it gains.
 
-    Other parameters are those of `veo run`. A folder of beam takes has one look only.
+    Other parameters are those of `veo run`. A folder of beam takes has no use for any, and one look.
 
     Parameters
     ----------
@@ -96,8 +99,8 @@ def diagnose(
         times as long; what the first look said is in diagnosis.json meanwhile.
     """
     folder = Path(source)
-    if folder.is_dir() and list(folder.glob("beam_*.npz")):
-        return _beam_diagnosis(folder, out)
+    if cli_beam.is_beam(folder):
+        return cli_beam.diagnose(folder, out, modes=modes, every=every, effort=effort)
     from veo_ti.commands import diagnose_source
 
     return diagnose_source(source, out, modes=modes, every=every, second=second, effort=effort)
@@ -229,17 +232,6 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("veo: interrupted; what was done so far is kept, the same command goes on from there", file=sys.stderr)
         return 130
-
-
-def _beam_diagnosis(folder: Path, out: Path) -> dict[str, object]:
-    """What the motion after release says."""
-    from veo_ti.beam_dynamics.report import run_beam_diagnosis
-    from veo_ti.progress import console, waiting
-
-    with waiting("diagnosis") as say:
-        found = run_beam_diagnosis(folder, out, progress=say)
-    console.print(found["sentence"])
-    return found
 
 
 def _identify(
