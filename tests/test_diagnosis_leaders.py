@@ -7,7 +7,7 @@ import pytest
 
 from veo_ti.diagnosis import leaders, looks
 from veo_ti.diagnosis.effort import Effort
-from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes
+from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes, waiting
 from veo_ti.diagnosis.placing import Spot
 
 
@@ -46,6 +46,13 @@ def test_what_promises_to_explain_hardly_anything_is_not_refitted():
 def test_at_most_three_wait():
     others = leaders_of(scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg")), 0.05)[1]
     assert names(others) == "cde"
+
+
+def test_all_could_be_next_that_promise_enough_and_were_not_tried():
+    every = [*scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg"), ("h", 20, 1), ("i", 50, 0.04)),
+             *scores(("j", 50, 1), explained=0.2)]  # fmt: skip
+    assert names(waiting(every, 0.05, ["a", "c"])) == "bdefg"
+    assert not waiting([], 0.05, [])
 
 
 def test_what_can_do_most_of_what_the_best_one_does_is_refitted_too():

@@ -58,3 +58,29 @@ def test_what_leaves_clearly_more_than_a_little_that_nothing_explains_is_no_name
     found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [], str)
     assert found[0].verdict.kind == kind
     assert (len(found), found[0].extended) == ((2, a.refit) if kind == "named" else (1, None))
+
+
+@pytest.mark.parametrize(("beside", "kind"), [(None, "named"), ("unexplained", "unexplained")])
+def test_what_was_not_refitted_at_first_takes_the_place_of_what_leaves_something_that_nothing_explains(
+    beside, kind, monkeypatch
+):
+    """Seed 7083: a drag promised half of what a creeping material did. Once all are refitted there are no others."""
+    a, b = left_by("a", 0.97), left_by("b", 0.975)
+    first = replace(unexplained_by(a), verdict=named(a), extended=a.refit)
+    seen, wide = [], []
+
+    def second(found, *given):
+        seen.append(found.name)
+        if found.name == "b" and beside is None:
+            return None
+        return replace(unexplained_by(), verdict=Verdict(kind="unexplained", causes=(), sentence=""))
+
+    def widened(found, *given):
+        wide.append(found)
+        return replace(found, candidates=(b,), verdict=named(b), extended=b.refit)
+
+    monkeypatch.setattr(run, "_second", second)
+    monkeypatch.setattr(run, "widened", widened)
+    found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [], str)
+    assert seen == ["a", "b"] and len(wide) == 1
+    assert found[0].verdict.kind == kind and (found[0].extended is b.refit) == (kind == "named")

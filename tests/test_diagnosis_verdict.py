@@ -61,6 +61,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 100, 0.95, short=9), found("b", 60, 0.7)], "named", ["a"]),  # a needs not what it only promises
         ([found("a", 100, 0.95, short=9), found("b", 80, 0.94)], "ambiguous", ["a", "b"]),  # it does
         ([found("a", 100, 0.95), found("b", 96, 0.94, coincidence=0.01)], "named", ["b"]),  # b obeys a law of its own
+        ([found("a", 900, 1.0, z=-3), found("b", 893, 0.9997, z=6, coincidence=0.01)], "ambiguous", ["a", "b"]),  # 6111
+        ([found("a", 900, 0.997, z=9), found("b", 899, 0.998, z=8, coincidence=0.01)], "named", ["b"]),  # seed 6010
         ([found("a", 100, 0.95), found("b", 40, 0.7, coincidence=0.01)], "named", ["a"]),  # that does not make b likely
         ([found("a", 100, 0.95, coincidence=0.02), found("b", 96, 0.94, coincidence=0.01)], "ambiguous", ["a", "b"]),
         ([found("a", 400, 1.0, testable=False), found("b", 260, 1.0)], "ambiguous", ["b", "a"]),  # seed 2723

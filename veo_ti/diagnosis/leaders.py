@@ -1,6 +1,6 @@
 """The causes worth a refit, refitted: at the best of their places, at the noise that they leave."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,12 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     first = [s for s, share in zip(able, _FAIR, strict=False) if s.log_bayes >= share * able[0].log_bayes]
     others = [s for s in able if s not in first and s.log_bayes >= _FURTHER * able[0].log_bayes]
     return first, others[:_COUNT]
+
+
+def waiting(scores: Sequence[Score], keep: float, tried: Collection[str]) -> list[Score]:
+    """All others that could be next, however many."""
+    able = [s for s in _spoken_for(scores, keep) if s.explained > _PROMISING]
+    return [s for s in able if s.name not in tried and s.log_bayes >= _FURTHER * able[0].log_bayes]
 
 
 def as_likely(scores: Sequence[Score], leaders: Sequence[Score], keep: float) -> list[Score]:

@@ -16,6 +16,7 @@ from veo_ti.diagnosis.verdict import (
     CHANCE,
     CLEAN,
     EXPLAINED,
+    MISFIT,
     TOGETHER,
     Candidate,
     either,
@@ -139,7 +140,9 @@ def _lawful(near: Sequence[_Pair]) -> _Pair | None:
     if len(common) != 1:
         return None
     others = frozenset.union(*(p.names for p in near)) - common
-    told = [p for p in near if p.second.settled and p.chance(*(p.names - common), others) < CHANCE]
+    clear = max(MISFIT, min(p.second.misfit.z for p in near))
+    able = [p for p in near if p.second.settled and p.second.misfit.z <= clear]
+    told = [p for p in able if p.chance(*(p.names - common), others) < CHANCE]
     return told[0] if len(told) == 1 else None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.fitted import Refit, everywhere
-from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, look_alikes, refitted
+from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, look_alikes, refitted, waiting
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import counted, measure_noise
@@ -115,10 +115,9 @@ def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progr
 
 
 def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress) -> Round:
-    """A first look with those refitted, too, that were next and waited."""
-    known = {c.name for c in found.candidates}
-    waiting = [s for s in leaders_of(found.scores, TESTABLE)[1] if s.name not in known]
-    more = refitted(waiting, current, model, floor, modes, say, beside=Refitted(least=found.least)).refits
+    """A first look with all those refitted, too, that could be next."""
+    others = waiting(found.scores, TESTABLE, {c.name for c in found.candidates})
+    more = refitted(others, current, model, floor, modes, say, beside=Refitted(least=found.least)).refits
     return with_more(found, more, current, model, floor, modes)
 
 

@@ -108,14 +108,16 @@ def _gain(identification: Identification, start: Baseline, final: Refit) -> Gain
     )  # fmt: skip
 
 
-def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress) -> list[Round]:
+def _rounds(
+    first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, wide: bool = False
+) -> list[Round]:  # fmt: skip
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
     also tell apart those of which each leaves clear misfit.
 
     Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
     nearly all as well: either may be there, beside something else. Without such another, the cause itself may only
-    imitate what is there, if what it leaves is clear and more than a little. A look that the effort did not last for
-    says nothing.
+    imitate what is there, if what it leaves is clear and more than a little; one that explains what it leaves takes its
+    place. wide: whether all others were refitted, too. A look that the effort did not last for says nothing.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
@@ -124,7 +126,9 @@ def _rounds(first: Round, start: Baseline, causes: Sequence[Cause], say: Progres
             return [_unexplained(first)] if leaves_much(found[0]) else [first]
         if more is None or more.verdict.kind != "unexplained":
             return [first] if more is None else [first, more]
-        wider = widened(first, *start.given, say)
+        wider = first if wide else widened(first, *start.given, say)
+        if wider.verdict.kind == "named" and wider.verdict.causes[0].name != found[0].name:
+            return _rounds(wider, start, causes, say, wide=True)
         near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found[0].name]
         if not near:
             return [_unexplained(first)] if leaves_much(found[0]) else [first, more]

@@ -124,7 +124,8 @@ def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
 
 def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED) -> Verdict:
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several. What
-    is not testable, or may well be absent, is not named, but another is not either beside it."""
+    is not testable, or may well be absent, is not named, but another is not either beside it. One that obeys a law is
+    told by it unless it leaves clear misfit, and another less."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
@@ -135,10 +136,11 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     near = rivals(best, able)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
-    names = {c.name for c in (best, *near)}
+    names, clear = {c.name for c in (best, *near)}, max(MISFIT, min(c.misfit.z for c in (best, *near)))
     told = [
         c for c in (best, *near)
-        if c in accepted and c.explained > TOGETHER and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
+        if c in accepted and c.explained > TOGETHER and c.misfit.z <= clear
+        and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
     ]  # fmt: skip
     if near and len(told) != 1:
         return either((best, *near))
