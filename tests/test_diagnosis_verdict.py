@@ -23,7 +23,7 @@ def test_no_misfit_needs_no_candidates():
 def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: float):
     """A refitted cause as the verdict sees it."""
     cause, short = SimpleNamespace(name=name, sentence=f"It is {name}."), given.get("short", 0.0)
-    told = SimpleNamespace(cause=cause, short=short, converged=not short)
+    told = SimpleNamespace(cause=cause, short=short, converged=not short, cost=100.0)
     left = Misfit(energy=z, mean=0.0, sd=1.0)
     return Candidate(
         refit=told, gained=gained, predicted=predicted, misfit=left, explained=explained,
@@ -47,6 +47,9 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
         ([found("a", 3.277e6, 1.0, z=0), found("b", 3.2768e6, 0.9998, z=27)], "ambiguous", ["a", "b"]),  # seed 2906: no
         ([found("a", 3.277e6, 1.0, z=0), found("b", 3.26e6, 0.995, z=1000)], "named", ["a"]),  # more than our own error
+        ([found("a", 3.2e6, 1.0, z=0), found("b", 3.19e6, 0.999, z=27)], "named", ["a"]),  # 6109: a is noise
+        ([found("a", 3.2e6, 1.0, z=0), found("b", 3.19e6, 0.999, z=27, short=9)], "ambiguous", ["a", "b"]),  # no end
+        ([found("a", 3.2e6, 1.0, z=5), found("b", 3.19e6, 0.999, z=27)], "ambiguous", ["a", "b"]),  # a is not noise
         ([found("a", 6289, 0.991, z=23), found("b", 6102, 0.963, z=98)], "ambiguous", ["a", "b"]),  # seed 1786
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 300, 0.95, z=54), found("b", 305, 0.0, z=836, settled=False, short=305)], "ambiguous", ["a", "b"]),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.fitted import OURS, Refit
 from veo_ti.diagnosis.score import Misfit
 
@@ -18,6 +19,8 @@ SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simul
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
 MORE = 5.0  # times as much
+NOISE_ALONE = 5e-4  # share by which one cause that leaves noise rejects another, of which
+ENDED = 0.05  # of the cost, at most, is still promised
 CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
@@ -88,10 +91,15 @@ class Verdict:
 def _rejected(rival: Candidate, best: Candidate) -> bool:
     """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, and
     more than our own error of its effect, which the true one may leave as well; the other's refit came to an end: of
-    one that stopped on its way, nobody knows what it would leave."""
+    one that stopped on its way, nobody knows what it would leave.
+
+    A wrong cause hardly takes up our error of the true one as well: where one alone leaves noise, that counts less.
+    """
     left, other = 1 - best.explained, 1 - rival.explained
-    clean = best.misfit.z < MISFIT or left < LEFT
-    return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, OURS**2)
+    noise, alone = best.misfit.z < MISFIT, not isinstance(rival.refit.cause, Beside)
+    ours = NOISE_ALONE if noise and alone and rival.promised < ENDED * rival.refit.cost else OURS**2
+    clean = noise or left < LEFT
+    return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
 
 def _margin(best: Candidate) -> float:
