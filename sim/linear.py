@@ -32,6 +32,13 @@ class Solve:
     converged: np.ndarray
     curved: np.ndarray
 
+    def with_frames(self, index: np.ndarray, other: "Solve") -> "Solve":
+        """The frames `index` replaced by those of another solve."""
+        arrays = {name: own.copy() for name, own in vars(self).items()}
+        for name, own in arrays.items():
+            own[index] = getattr(other, name)
+        return Solve(**arrays)
+
 
 Operator = Callable[[np.ndarray], np.ndarray]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy, Tangent
-from sim.linear import Operator, Preconditioner, conjugate_gradients
+from sim.linear import Operator, Preconditioner, Solve, conjugate_gradients
 from sim.solvers import LinearSolver, Solver
 
 _ENOUGH, _LOOSE = 0.3, 0.1  # of the tolerance, that a linear solve may leave, but no more of its right side
@@ -166,8 +166,7 @@ def _direction(
     many steps of conjugate gradients the exact one took (T,). None is more exact than the tolerance asks for."""
     right, enough = -state.gradient, _ENOUGH * tolerance / state.residual
     forcing = np.clip(enough, np.clip(state.residual, 1e-4, 1e-3), _LOOSE)
-    part = _parts(energy, state.y, precondition)
-    solve = conjugate_gradients(tangent.product, right, precondition, tolerance=forcing, part=part)
+    solve = _exact(energy, state.y, tangent, right, solver, precondition, forcing)
     direction = solve.x
     bent = np.flatnonzero(solve.curved | ((direction * state.gradient).sum(axis=(1, 2)) >= 0))
     if len(bent):
@@ -178,6 +177,29 @@ def _direction(
         again = conjugate_gradients(tangent.product, right[bent], precondition, tolerance=forcing[bent], part=part)
         direction[bent] = again.x
     return direction, solve.iterations
+
+
+def _exact(
+    energy: Energy, y: np.ndarray, tangent: Tangent, right: np.ndarray, solver: Solver, precondition: Preconditioner,
+    forcing: np.ndarray,
+) -> Solve:  # fmt: skip
+    """By the exact Hessian; with factors made anew where those that were kept are of too different a state."""
+    part = _parts(energy, y, precondition)
+    solve = conjugate_gradients(
+        tangent.product, right, precondition, tolerance=forcing, part=part, limit=solver.patience
+    )  # fmt: skip
+    late = np.flatnonzero(~(solve.converged | solve.curved))
+    if len(late) == 0:
+        return solve
+    some = energy.frames(late)
+    tangent = some.tangent(y[late])
+    fresh = solver.renewed(precondition.frames(late, tangent), some, tangent)
+    if fresh is None:
+        return solve
+    part = _parts(some, y[late], fresh)
+    return solve.with_frames(
+        late, conjugate_gradients(tangent.product, right[late], fresh, tolerance=forcing[late], part=part)
+    )  # fmt: skip
 
 
 def _parts(

@@ -14,7 +14,9 @@ _NEAR = 0.3  # of the load: residual below which a two-level preconditioner foll
 _CLOSE = 0.03  # below which a frame's last factors serve again; farther out they may hide that it has since buckled
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
 _LASTING = 6000  # points, up to which factors that serve many solves take less time
-_WORN = 10  # steps of conjugate gradients that tell that a factor is out of date
+_WORN = 10  # steps of conjugate gradients that tell that a factor is out of date, and
+_PATIENT = 25  # about as many as take as long as a factor, after which no more are made with it
+_LIMIT = 400  # in any case
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +42,14 @@ class LinearSolver:
         if not few:
             return TwoLevel.of(tangent, self.aggregates)
         return DirectFactors.of(tangent, self.layout, exact=self.exact)
+
+    @property
+    def patience(self) -> int:
+        """Steps of conjugate gradients, after which they end."""
+        return _LIMIT
+
+    def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
+        """Nothing better than what was tried in vain."""
 
     def begun(self, count: int) -> None:
         """Nothing is known of so many frames when a solve begins."""
@@ -87,9 +97,25 @@ class KeptSolver:
         solver = replace(LinearSolver.of(energy, "direct" if direct else linear), exact=frames == 1)
         return cls(solver=solver, held=None, steps=np.zeros(frames, int))
 
+    @property
+    def _factorises(self) -> bool:
+        return self.solver.direct == np.inf
+
     def preconditioner(self, tangent: Tangent) -> Preconditioner:
         """A fresh one, which is not kept."""
         return self.solver.preconditioner(tangent)
+
+    @property
+    def patience(self) -> int:
+        """Steps of conjugate gradients, after which a factor is made anew: one of another body may take hundreds."""
+        return _PATIENT if self._factorises else _LIMIT
+
+    def renewed(self, last: "_Held", energy: Energy, tangent: Tangent) -> "_Held | None":
+        """Factors of these frames made anew."""
+        if not self._factorises:
+            return None
+        self.steps[last.index] = _WORN + 1
+        return self.following(last, energy, tangent, self.steps)
 
     def begun(self, count: int) -> "_Held":
         """What is kept of all frames when a solve begins."""

@@ -6,6 +6,7 @@ import sim_cases
 
 from sim.direct import DirectFactors
 from sim.energy import Energy
+from sim.linear import conjugate_gradients
 from sim.newton import NewtonOptions, equilibrate
 from sim.solvers import KeptSolver, LinearSolver
 
@@ -63,6 +64,34 @@ def test_only_worn_factors_are_made_anew(energy, made):
     equilibrate(softer(energy, 0.9), y, options=TIGHT, solver=solver).require_converged()
     assert made == [FRAMES - 1, 1]
     assert (before[1:] == solver.held.rows[1:]).all(axis=1).tolist() == [True, False, True]
+
+
+def test_factors_of_quite_another_material_are_given_up_soon(energy, made, monkeypatch):
+    """One end becomes a hundred times as stiff: conjugate gradients with the old factors would take over a hundred."""
+    steps = []
+
+    def counted(*given, **more):
+        steps.append(conjugate_gradients(*given, **more))
+        return steps[-1]
+
+    monkeypatch.setattr("sim.newton.conjugate_gradients", counted)
+    share = np.where(energy.elastic.cloud.x[:, :1] > np.median(energy.elastic.cloud.x[:, 0]), 100.0, 1.0)
+    other, rest = softer(energy, share), sim_cases.at_rest(energy.elastic.cloud, FRAMES)
+    solver = KeptSolver.of(energy, FRAMES)
+    equilibrate(energy, rest, options=TIGHT, solver=solver).require_converged()
+    expected = equilibrate(other, rest, options=TIGHT).require_converged().y
+    made.clear()
+    steps.clear()
+    found = equilibrate(other, rest, options=TIGHT, solver=solver).require_converged()
+    assert np.abs(found.y - expected).max() < 1e-6 * energy.elastic.cloud.spacing
+    assert made[0] == FRAMES - 1 and max(s.iterations.max() for s in steps) == 25
+    assert all(s.converged.all() for s in steps[1:])
+    monkeypatch.setattr("sim.solvers._PATIENT", 400)
+    again = KeptSolver.of(energy, FRAMES)
+    equilibrate(energy, rest, options=TIGHT, solver=again)
+    steps.clear()
+    equilibrate(other, rest, options=TIGHT, solver=again)
+    assert steps[0].iterations.max() > 100
 
 
 def test_factors_that_have_no_room_are_not_kept(energy, monkeypatch):
