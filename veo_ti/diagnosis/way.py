@@ -31,7 +31,7 @@ class Way:
 
     normal: Normal
     found: Posterior
-    whole: np.ndarray  # change of all unknowns, as far as it may be
+    whole: np.ndarray  # change of all unknowns, were there room for it
     curvature: np.ndarray  # of the cost
     room: np.ndarray  # the largest change of each
 
