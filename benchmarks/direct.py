@@ -8,7 +8,7 @@ from scipy.sparse.linalg import SuperLU
 
 from sim.direct import DirectFactors, Layout
 from sim.energy import Energy, Tangent
-from sim.linear import Preconditioner
+from sim.linear import LIMIT, Preconditioner
 from sim.runtime import serial_blas
 
 try:
@@ -19,6 +19,11 @@ except ImportError:
 
 class _Fresh:
     """Stands in for a LinearSolver of one frame that keeps nothing from step to step."""
+
+    patience = LIMIT
+
+    def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
+        """Nothing better."""
 
     def begun(self, count: int) -> None:
         """Nothing."""

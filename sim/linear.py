@@ -8,6 +8,8 @@ import numpy as np
 
 from sim.energy import Tangent
 
+LIMIT = 400  # steps of conjugate gradients, unless told otherwise
+
 
 class Preconditioner(Protocol):
     """An approximate inverse of a tangent, symmetric and positive definite in every frame."""
@@ -49,7 +51,7 @@ def conjugate_gradients(
     precondition: Operator,
     *,
     tolerance: float | np.ndarray = 1e-8,
-    limit: int = 400,
+    limit: int = LIMIT,
     part: Callable[[np.ndarray], tuple[Operator, Operator]] | None = None,
 ) -> Solve:
     """Solve H x = right (T, N, 3) to |residual| <= tolerance |right| in every frame.

@@ -7,7 +7,7 @@ import numpy as np
 from sim.checks import require
 from sim.direct import ROOM, DirectFactors, Layout
 from sim.energy import Energy, Tangent
-from sim.linear import Preconditioner
+from sim.linear import LIMIT, Preconditioner
 from sim.twolevel import Aggregates, TwoLevel
 
 _NEAR = 0.3  # of the load: residual below which a two-level preconditioner follows the state
@@ -15,8 +15,7 @@ _CLOSE = 0.03  # below which a frame's last factors serve again; farther out the
 _SMALL = 800  # points, up to which one sparse factor a frame takes no longer than the two-level preconditioner
 _LASTING = 6000  # points, up to which factors that serve many solves take less time
 _WORN = 10  # steps of conjugate gradients that tell that a factor is out of date, and
-_PATIENT = 25  # about as many as take as long as a factor, after which no more are made with it
-_LIMIT = 400  # in any case
+_PATIENT = 25  # about as many as take as long as a factor, after which no more are made with one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +45,7 @@ class LinearSolver:
     @property
     def patience(self) -> int:
         """Steps of conjugate gradients, after which they end."""
-        return _LIMIT
+        return LIMIT
 
     def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
         """Nothing better than what was tried in vain."""
@@ -108,7 +107,7 @@ class KeptSolver:
     @property
     def patience(self) -> int:
         """Steps of conjugate gradients, after which a factor is made anew: one of another body may take hundreds."""
-        return _PATIENT if self._factorises else _LIMIT
+        return _PATIENT if self._factorises else LIMIT
 
     def renewed(self, last: "_Held", energy: Energy, tangent: Tangent) -> "_Held | None":
         """Factors of these frames made anew."""
