@@ -98,5 +98,5 @@ def test_a_fit_is_given_up_where_more_is_known_elsewhere_than_the_whole_way_may_
         refit(measured, rough, start, most=before - times * (before - found.cost)) for times in (1.4, 0.9)
     )
     assert found.converged and np.abs(found.coefficients - start).max() > 0.1
-    assert not hopeless.converged and np.abs(hopeless.coefficients - start).max() < 0.01
+    assert not hopeless.converged and (hopeless.coefficients == start).all()
     assert possible.coefficients == pytest.approx(found.coefficients)

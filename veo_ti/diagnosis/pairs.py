@@ -16,11 +16,11 @@ from veo_ti.diagnosis.verdict import (
     CHANCE,
     CLEAN,
     EXPLAINED,
-    MISFIT,
     TOGETHER,
     Candidate,
     either,
     explained_by,
+    lawful_up_to,
     named,
     rivals,
     stands,
@@ -140,8 +140,8 @@ def _lawful(near: Sequence[_Pair]) -> _Pair | None:
     if len(common) != 1:
         return None
     others = frozenset.union(*(p.names for p in near)) - common
-    clear = max(MISFIT, min(p.second.misfit.z for p in near))
-    able = [p for p in near if p.second.settled and p.second.misfit.z <= clear]
+    most = lawful_up_to(p.second for p in near)
+    able = [p for p in near if p.second.settled and p.second.misfit.z <= most]
     told = [p for p in able if p.chance(*(p.names - common), others) < CHANCE]
     return told[0] if len(told) == 1 else None
 

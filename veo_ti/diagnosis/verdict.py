@@ -144,15 +144,21 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     near = rivals(best, able)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
-    names, clear = {c.name for c in (best, *near)}, max(MISFIT, min(c.misfit.z for c in (best, *near)))
+    alike = (best, *near)
+    names = {c.name for c in alike}
     told = [
-        c for c in (best, *near)
-        if c in accepted and c.explained > TOGETHER and c.misfit.z <= clear
+        c for c in alike
+        if c in accepted and c.explained > TOGETHER and c.misfit.z <= lawful_up_to(alike)
         and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
     ]  # fmt: skip
     if near and len(told) != 1:
-        return either((best, *near))
+        return either(alike)
     return named(told[0] if near else best)
+
+
+def lawful_up_to(alike: Iterable[Candidate]) -> float:
+    """Standard deviations of misfit beyond which no law tells one: it leaves clear misfit, and another less."""
+    return max(MISFIT, min(c.misfit.z for c in alike))
 
 
 def either(causes: Sequence[Candidate]) -> Verdict:
