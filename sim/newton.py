@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.checks import as_array, require
 from sim.energy import Energy, Tangent
-from sim.linear import Operator, Preconditioner, Solve, conjugate_gradients
+from sim.linear import LIMIT, Operator, Preconditioner, Solve, conjugate_gradients
 from sim.solvers import LinearSolver, Solver
 
 _ENOUGH, _LOOSE = 0.3, 0.1  # of the tolerance, that a linear solve may leave, but no more of its right side
@@ -166,52 +166,35 @@ def _direction(
     many steps of conjugate gradients the exact one took (T,). None is more exact than the tolerance asks for."""
     right, enough = -state.gradient, _ENOUGH * tolerance / state.residual
     forcing = np.clip(enough, np.clip(state.residual, 1e-4, 1e-3), _LOOSE)
-    solve = _exact(energy, state.y, tangent, right, solver, precondition, forcing)
+    solve = _solve(energy, state.y, tangent, right, precondition, forcing, limit=solver.patience)
+    late = np.flatnonzero(~(solve.converged | solve.curved))
+    if len(late):  # what was kept may be of too different a state
+        some = energy.frames(late)
+        own = some.tangent(state.y[late])
+        fresh = solver.renewed(precondition.frames(late, own), some, own)
+        if fresh is not None:
+            solve = solve.with_frames(late, _solve(some, state.y[late], own, right[late], fresh, forcing[late]))
     direction = solve.x
     bent = np.flatnonzero(solve.curved | ((direction * state.gradient).sum(axis=(1, 2)) >= 0))
     if len(bent):
         some, project = energy.frames(bent), np.ones(len(bent), bool)
-        tangent = some.tangent(state.y[bent], project)
-        precondition = solver.preconditioner(tangent)
-        part = _parts(some, state.y[bent], precondition, project)
-        again = conjugate_gradients(tangent.product, right[bent], precondition, tolerance=forcing[bent], part=part)
-        direction[bent] = again.x
+        own = some.tangent(state.y[bent], project)
+        fresh = solver.preconditioner(own)
+        direction[bent] = _solve(some, state.y[bent], own, right[bent], fresh, forcing[bent], project=project).x
     return direction, solve.iterations
 
 
-def _exact(
-    energy: Energy, y: np.ndarray, tangent: Tangent, right: np.ndarray, solver: Solver, precondition: Preconditioner,
-    forcing: np.ndarray,
+def _solve(
+    energy: Energy, y: np.ndarray, tangent: Tangent, right: np.ndarray, precondition: Preconditioner,
+    forcing: np.ndarray, *, limit: int = LIMIT, project: np.ndarray | None = None,
 ) -> Solve:  # fmt: skip
-    """By the exact Hessian; with factors made anew where those that were kept are of too different a state."""
-    part = _parts(energy, y, precondition)
-    solve = conjugate_gradients(
-        tangent.product, right, precondition, tolerance=forcing, part=part, limit=solver.patience
-    )  # fmt: skip
-    late = np.flatnonzero(~(solve.converged | solve.curved))
-    if len(late) == 0:
-        return solve
-    some = energy.frames(late)
-    tangent = some.tangent(y[late])
-    fresh = solver.renewed(precondition.frames(late, tangent), some, tangent)
-    if fresh is None:
-        return solve
-    part = _parts(some, y[late], fresh)
-    return solve.with_frames(
-        late, conjugate_gradients(tangent.product, right[late], fresh, tolerance=forcing[late], part=part)
-    )  # fmt: skip
-
-
-def _parts(
-    energy: Energy, y: np.ndarray, precondition: Preconditioner, project: np.ndarray | None = None
-) -> Callable[[np.ndarray], tuple[Operator, Operator]]:
-    """The Hessian at y and its preconditioner for some of the frames."""
+    """Conjugate gradients by the Hessian at y, which go on with fewer frames as others stop."""
 
     def part(frames: np.ndarray) -> tuple[Operator, Operator]:
         tangent = energy.frames(frames).tangent(y[frames], None if project is None else project[frames])
         return tangent.product, precondition.frames(frames, tangent)
 
-    return part
+    return conjugate_gradients(tangent.product, right, precondition, tolerance=forcing, limit=limit, part=part)
 
 
 def _search(energy: Energy, state: _State, active: np.ndarray, direction: np.ndarray) -> np.ndarray:
