@@ -80,7 +80,7 @@ def test_another_law_is_fitted_where_it_may_matter(other_leaves, beside, asked, 
     def cause(name, *laws):
         return SimpleNamespace(name=name, laws=lambda scene: laws)
 
-    def looked_at(found, current, model, floor, modes, say, known, rough):
+    def looked_at(found, current, model, floor, modes, say, beside):
         asked_for.append([(s.name, s.place) for s in found])
         tried = [SimpleNamespace(result=SimpleNamespace(cause=s.cause, place=s.place), left=left[s.name, s.place],
                                  model=SimpleNamespace(s2=1.0, effort=Effort())) for s in found]  # fmt: skip
@@ -118,6 +118,7 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, roug
         monkeypatch.setattr(leaders.Tried, name, value)
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)
     monkeypatch.setattr(leaders, "tried_once", lambda *_: None)
+    monkeypatch.setattr(leaders, "cost_under", lambda *_: 1.0)
     monkeypatch.setattr(leaders.Tried, "of", lambda *_, **more: late)
     monkeypatch.setattr(looks, "_begun", lambda *_: (begun.append("place"), None, None))
     monkeypatch.setattr(looks, "refit", lambda *_, **more: None)
@@ -129,7 +130,9 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, roug
     assert found.refits == ("first", result) and found.s2 == 1.0 and found.least == 1.0
 
 
-def test_a_fit_is_given_up_that_promises_far_less_than_another_reached(monkeypatch):
+@pytest.mark.parametrize("before", [None, 1.0])
+def test_a_fit_is_given_up_that_promises_far_less_than_another_reached(before, monkeypatch):
+    """One of these, or one before, at what that costs under the model that they are fitted with."""
     asked, costs = [], {"a": 40.0, "b": 4.0, "c": 9.0}
 
     def tried_once(found, current, model, say, most):
@@ -137,9 +140,13 @@ def test_a_fit_is_given_up_that_promises_far_less_than_another_reached(monkeypat
         return SimpleNamespace(cost=costs[found.name])
 
     monkeypatch.setattr(leaders, "tried_once", tried_once)
+    monkeypatch.setattr(leaders, "cost_under", lambda model, refit: before)
     monkeypatch.setattr(leaders.Tried, "of", lambda result, *_, fine: SimpleNamespace(result=result, left=1.0))
     monkeypatch.setattr(leaders, "looked", lambda tried, *_: tried)
-    model = SimpleNamespace(s2=1.0)
-    tried, _ = leaders._looked_at(scores(*((n, 1, 1) for n in "abc")), None, model, 1.0, None, str, np.inf, 0.0)
-    assert asked[0] == np.inf and asked[1] == 10 * asked[2] and asked[2] > 2
+    model, others = SimpleNamespace(s2=1.0), leaders.Refitted(refits=() if before is None else ("first",))
+    tried, _ = leaders._looked_at(scores(*((n, 1, 1) for n in "abc")), None, model, 1.0, None, str, others)
+    if before is None:
+        assert asked[0] == np.inf and asked[1] == 10 * asked[2] and asked[2] > 2
+    else:
+        assert asked == 3 * [asked[0]] and 4 * asked[0] > 2 * before
     assert [one.result.cost for one in tried] == list(costs.values())

@@ -10,7 +10,7 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from test_diagnosis_placing import creeping  # noqa: F401
 from test_diagnosis_report import CAUSES, HIDDEN, OPTIONS, observation
 
-from veo_ti import cli
+from veo_ti import cli, kept
 from veo_ti.diagnosis import leaders
 from veo_ti.diagnosis.causes.history import Viscoelasticity
 from veo_ti.diagnosis.checkpoints import Checkpoints
@@ -109,6 +109,13 @@ def test_what_is_kept_serves_the_same_fit_only(key, name, asked, same, tmp_path)
     first.keep("a", ASKED, {"spent": np.array(2.0)})
     found = Checkpoints(folder=tmp_path, key=key).next(name, asked)
     assert (found is not None) == same and (found is None or found["spent"] == 2.0)
+
+
+def test_what_another_version_kept_is_not_this_ones(tmp_path, monkeypatch):
+    Checkpoints(folder=tmp_path, key=kept.key_of("this"), count=1).keep("drag", ASKED, {"y": ASKED})
+    assert Checkpoints(folder=tmp_path, key=kept.key_of("this")).next("drag", ASKED) is not None
+    monkeypatch.setattr(kept, "__version__", "0.0.9")
+    assert Checkpoints(folder=tmp_path, key=kept.key_of("this")).next("drag", ASKED) is None
 
 
 def test_a_damaged_checkpoint_is_none(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from test_diagnosis_pairs import LASTING, pair, unexplained_by
 
 from veo_ti.diagnosis import pairs
+from veo_ti.diagnosis.leaders import Refitted
 
 
 def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkeypatch):
@@ -20,7 +21,7 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
 
     def look(current, *given, **more):
         asked.append((current.cause.name, more["least"]))
-        return replace(alone, candidates=seconds[current.cause.name], least=2.0)
+        return replace(alone, candidates=seconds[current.cause.name], tried=Refitted(least=2.0))
 
     monkeypatch.setattr(pairs, "look", look)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)

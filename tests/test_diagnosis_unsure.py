@@ -7,7 +7,7 @@ import pytest
 from test_diagnosis_pairs import LASTING, pair, unexplained_by
 
 from veo_ti.diagnosis import run
-from veo_ti.diagnosis.verdict import Verdict, named
+from veo_ti.diagnosis.verdict import Verdict, either, named
 
 
 def left_by(name: str, explained: float):
@@ -84,3 +84,22 @@ def test_what_was_not_refitted_at_first_takes_the_place_of_what_leaves_something
     found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [], str)
     assert seen == ["a", "b"] and len(wide) == 1
     assert found[0].verdict.kind == kind and (found[0].extended is b.refit) == (kind == "named")
+
+
+@pytest.mark.parametrize("explains", [True, False])
+def test_before_two_at_once_all_that_promise_something_are_refitted(explains, monkeypatch):
+    """Seed 7107: a creeping material or a late load left clear misfit, and a drag, of which neither is the image, was
+    not tried."""
+    a, b, c = left_by("a", 0.96), left_by("b", 0.9), left_by("c", 0.9999)
+    first, asked = replace(unexplained_by(a, b), verdict=either((a, b))), []
+
+    def widened(found, *given):
+        asked.append("others")
+        return replace(found, candidates=(c, a, b), verdict=named(c)) if explains else found
+
+    monkeypatch.setattr(run, "_second", lambda *given: None)
+    monkeypatch.setattr(run, "widened", widened)
+    monkeypatch.setattr(run, "two_at_once", lambda *given, but: asked.append("two"))
+    found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [a.refit.cause], str)
+    assert asked == (["others"] if explains else ["others", "two"])
+    assert [one.name for one in found[0].verdict.causes] == (["c"] if explains else ["a", "b"])

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from recon.files import replacing
+from veo_ti import __version__
 from veo_ti.store import read_npz
 
 
 def key_of(*parts: object) -> str:
-    """A fingerprint of what decides a result: texts, numbers, tuples and dataclasses of them, arrays."""
-    digest = hashlib.sha256()
+    """A fingerprint of what decides a result: this version, texts, numbers, tuples and dataclasses of them, arrays."""
+    digest = hashlib.sha256(__version__.encode())
     for part in parts:
         array = isinstance(part, np.ndarray)
         digest.update(np.ascontiguousarray(part).tobytes() if array else repr(part).encode())

@@ -1,12 +1,12 @@
 """The causes worth a refit, refitted: at the best of their places, at the noise that they leave."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from veo_ti.diagnosis.fitted import Refit
-from veo_ti.diagnosis.looks import IN_REACH, LOOKS, NEARBY, Progress, Tried, beyond, looked, tried_once
+from veo_ti.diagnosis.looks import IN_REACH, LOOKS, NEARBY, Progress, Tried, beyond, cost_under, looked, tried_once
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
@@ -78,7 +78,7 @@ def refitted(
     and that is noise.
     """
     leaders = _narrowed(leaders, current, model, floor, modes, say)
-    tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside.least, beside.rough)
+    tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside)
     nearest = _nearest(beside.least, tried)
     close = [t.left < NEARBY * nearest and t.left > min(nearest, IN_REACH * floor) for t in tried]
     others = [
@@ -89,7 +89,7 @@ def refitted(
     ]
     if others:
         scores = scores_of(current, model, floor, modes, [(cause, [law]) for cause, law in others])[1]
-        more, less = _looked_at(scores, current, model, floor, modes, say, nearest, beside.rough)
+        more, less = _looked_at(scores, current, model, floor, modes, say, replace(beside, least=nearest))
         best = {t.result.cause.name: t for t in sorted([*tried, *more], key=lambda t: -t.left)}
         tried, reached = [best[t.result.cause.name] for t in tried], min(reached, less)
         nearest = _nearest(nearest, tried)
@@ -104,21 +104,21 @@ def refitted(
 
 def _looked_at(
     leaders: Sequence[Score], current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress,
-    known: float, rough: float,
+    beside: Refitted,
 ) -> tuple[list[Tried], float]:  # fmt: skip
     """All refitted at their places, and the noise that the best leaves.
 
     A refit that leaves less than was taken for noise, or beside which the material's prior was too stiff, is done again
-    at what it leaves, a few times, unless another leaves far less; known: what others were known to leave; rough: what
-    any may leave and not be left behind.
+    at what it leaves, a few times, unless another leaves far less.
     """
     tried: list[Tried] = []
+    known = min((cost_under(model, r) for r in beside.refits), default=np.inf)
     for found in leaders:
-        most = _BEHIND * min((t.result.cost for t in tried), default=np.inf)
+        most = _BEHIND * min([known, *(t.result.cost for t in tried)])
         tried.append(Tried.of(tried_once(found, current, model, say, most), model, modes, fine=False))
     enough, reached = max(_NEARLY * model.s2, IN_REACH * floor), model.s2
     for _ in range(LOOKS):
-        least, before = max(rough, _nearest(known, tried)), tried
+        least, before = max(beside.rough, _nearest(beside.least, tried)), tried
         tried = [looked(t, least, enough, modes, say) for t in before]
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:

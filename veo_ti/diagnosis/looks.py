@@ -60,9 +60,7 @@ class Tried:
     @cached_property
     def staying(self) -> float:
         """What it costs under that model to stay."""
-        result = self.result
-        own = Problem.of(result.without, self.following, result.cause, result.place)
-        return own.cost(result.scene, result.coefficients, result.theta)
+        return cost_under(self.following, self.result)
 
     @cached_property
     def spot(self) -> Spot:
@@ -71,6 +69,12 @@ class Tried:
         if self.stays:
             return Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
         return better_place(result, self.following)
+
+
+def cost_under(model: Model, result: Refit) -> float:
+    """What the end of a fit costs under another model than its own."""
+    problem = Problem.of(result.without, model, result.cause, result.place)
+    return problem.cost(result.scene, result.coefficients, result.theta)
 
 
 def tried_once(found: Score, current: Refit, model: Model, say: Progress, most: float) -> Refit:

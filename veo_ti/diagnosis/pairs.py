@@ -100,7 +100,7 @@ def two_at_once(
             return
         say(f"two at once, {start.name} and another")
         others = [c for c in causes if c.name != start.name]
-        least = min((p.found.least for p in pairs), default=np.inf)
+        least = min((p.found.tried.least for p in pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
         for second in (c for c in found.candidates if _holds(start, c, alone)):
             pair = _Pair(first=start, second=second, found=found, model=model)

@@ -1,7 +1,7 @@
 """One look for a cause: every cause scored, the leaders refitted, the verdict on them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Round:
     candidates: tuple[Candidate, ...]  # best first
     verdict: Verdict
     s2: float  # variance [m2] at which the candidates were weighed
-    least: float = np.inf  # variance [m2] at which what the best of them leaves counts
+    tried: Refitted = field(default_factory=Refitted)
     extended: Refit | None = None
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
@@ -99,7 +99,7 @@ def look(
         verdict = nothing(faint=True)
     holds = verdict.kind == "named" or (verdict.kind == "ambiguous" and current.cause is not None)
     return replace(
-        quiet, candidates=tuple(candidates), verdict=verdict, s2=tried.s2, least=tried.least,
+        quiet, candidates=tuple(candidates), verdict=verdict, s2=tried.s2, tried=tried,
         extended=verdict.causes[0].refit if holds else None,
     )  # fmt: skip
 
@@ -117,8 +117,9 @@ def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progr
 def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress) -> Round:
     """A first look with all those refitted, too, that could be next."""
     others = waiting(found.scores, TESTABLE, {c.name for c in found.candidates})
-    more = refitted(others, current, model, floor, modes, say, beside=Refitted(least=found.least)).refits
-    return with_more(found, more, current, model, floor, modes)
+    tried = refitted(others, current, model, floor, modes, say, beside=found.tried)
+    more = tried.refits[len(found.tried.refits) :]
+    return replace(with_more(found, more, current, model, floor, modes), tried=tried)
 
 
 def with_more(

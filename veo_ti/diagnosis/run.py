@@ -112,7 +112,7 @@ def _rounds(
     first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, wide: bool = False
 ) -> list[Round]:  # fmt: skip
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
-    also tell apart those of which each leaves clear misfit.
+    also tell apart those of which each leaves clear misfit. Before that all that promise something are refitted.
 
     Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
     nearly all as well: either may be there, beside something else. Without such another, the cause itself may only
@@ -136,7 +136,9 @@ def _rounds(
         return _pair(unsure, start, causes, say, but=found[0].name)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
-    return _pair(first, start, causes, say)
+    if wide or not causes:
+        return _pair(first, start, causes, say)
+    return _rounds(widened(first, *start.given, say), start, causes, say, wide=True)
 
 
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:
