@@ -10,6 +10,8 @@ from scipy.linalg import cho_factor, cho_solve
 _Choice = tuple[float, float, float]  # length, amplitude, noise
 _SWEEPS = 10
 _WIDE = 1e4  # times a prior's variance: as good as none
+_STEPS = np.array([0.67, 1.0, 1.5])  # times the prior's length or amplitude, one of which is next
+_SAME = 1.2  # times, up to which two of them are the same
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,7 +152,8 @@ def best_hyperparameters(parts: Sequence[Normal], basis: Any, state: Any, sigma:
     Searched among the neighbours of the present values on a logarithmic grid, so that they move gently: those of
     highest evidence, then the smoothest that predicts parts left out as well (`_smoothest`). The amplitude of log mu
     stays below 1.5: a wrong model would else buy its fit with wild moduli. While the noise is below `floor`, the
-    linearisation is too far from the data to choose a prior by: only the noise is set, to the floor.
+    linearisation is too far from the data to choose a prior by: only the noise is set, to the floor. A choice that
+    leads back to where the prior was two choices ago would do so for ever: of these two the smoother one is kept.
     """
     normal = Normal.sum(parts)
 
@@ -158,15 +161,26 @@ def best_hyperparameters(parts: Sequence[Normal], basis: Any, state: Any, sigma:
         return sigma or noise_level(normal, basis.prior(length, amplitude), state.sigma)
 
     present = noise(state.length, state.amplitude)
-    if present < floor or not basis.options.modes:
+    if present < floor or not basis.options.modes or state.settled:
         return replace(state, sigma=max(present, floor))
-    steps = np.array([0.67, 1.0, 1.5])
     shortest = 2 * basis.spacing
-    near = [(max(state.length * i, shortest), min(state.amplitude * j, 1.5)) for i in steps for j in steps]
+    near = [(max(state.length * i, shortest), min(state.amplitude * j, 1.5)) for i in _STEPS for j in _STEPS]
     choices = [(*c, noise(*c)) for c in near]
     scores = [posterior(normal, basis.prior(*c), s).evidence for *c, s in choices]
-    length, amplitude, level = _smoothest(parts, basis, choices, choices[int(np.argmax(scores))])
-    return replace(state, length=length, amplitude=amplitude, sigma=level)
+    chosen = _smoothest(parts, basis, choices, choices[int(np.argmax(scores))])
+    now = state.length, state.amplitude, present
+    back = _same(chosen, state.before) and not _same(chosen, now)
+    length, amplitude, level = min(now, chosen, key=_smoothness) if back else chosen
+    return replace(state, length=length, amplitude=amplitude, sigma=level, before=now[:2], settled=back)
+
+
+def _same(one: Sequence[float], other: Sequence[float]) -> bool:
+    return all(max(a, b) < _SAME * min(a, b) for a, b in zip(one[:2], other[:2], strict=True))
+
+
+def _smoothness(choice: _Choice) -> tuple[float, float]:
+    """By which choices are ordered, the smoothest first."""
+    return choice[1], -choice[0]
 
 
 def _smoothest(parts: Sequence[Normal], basis: Any, choices: Sequence[_Choice], best: _Choice) -> _Choice:
@@ -181,7 +195,7 @@ def _smoothest(parts: Sequence[Normal], basis: Any, choices: Sequence[_Choice], 
     plainer = [c for c in choices if c[0] >= best[0] and c[1] <= best[1]]
     errors = np.array([left_out(parts, basis.prior(*c), s) for *c, s in plainer])
     worse, doubt = _worse(errors, plainer.index(best))
-    return min((c for c, well in zip(plainer, worse <= doubt, strict=True) if well), key=lambda c: (c[1], -c[0]))
+    return min((c for c, well in zip(plainer, worse <= doubt, strict=True) if well), key=_smoothness)
 
 
 def _worse(errors: np.ndarray, best: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """Learning the material from observed equilibria by Gauss-Newton (paper "Material Reconstruction")."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,8 @@ class FitState:
     y: np.ndarray  # (T, N, 3)
     objective: tuple[float, ...]  # after each step, with the data counted as in that step
     done: bool = False
+    before: tuple[float, float] = (np.inf, np.inf)  # length and amplitude of the prior one choice ago; and whether
+    settled: bool = False  # no other is looked for: two were chosen in turn
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,14 +60,14 @@ def fit(
     *,
     mu: float,
     options: FitOptions | None = None,
-    guess: np.ndarray | None = None,
+    guess: Sequence[float] = (),
     state: FitState | None = None,
     progress: Callable[[FitState], None] | None = None,
 ) -> Fit:
     """The most probable material given observed equilibria.
 
     energy: loads and supports; its own material is only replaced. start (T, N, 3) [m]: where the first solve begins.
-    mu [Pa]: first guess of the shear modulus; guess (K,): coefficients of an earlier fit around the same mu.
+    mu [Pa]: first guess of the shear modulus; guess: the first coefficients, as an earlier fit around that mu told.
     Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a smooth field, with explicit sensitivities;
     the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so the field
     becomes no rougher than the noise allows; data count by how independent they are (`sim.evidence.independent`).
@@ -113,9 +115,10 @@ def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: Solver, newton
 
 
 def _first_state(
-    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: Solver, guess: np.ndarray | None
+    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: Solver, guess: Sequence[float]
 ) -> FitState:
-    a = np.zeros(basis.log_mu.shape[1]) if guess is None else guess
+    a = np.zeros(basis.log_mu.shape[1])
+    a[: len(guess)] = guess
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
     sigma = target.sigma or target.rms(y)
     state = FitState(a=a, length=basis.size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())
@@ -224,10 +227,6 @@ def _with_resolution(
     return own, both[:K, K:] * np.minimum(1.0, _MOST / np.maximum(size, 1e-300))
 
 
-def _variance(basis: Basis, covariance: np.ndarray) -> np.ndarray:
-    return np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu)
-
-
 def _determined(basis: Basis, normal: Normal, sigma: float) -> np.ndarray:
     """Share of the variance of log mu (N,) that the data remove from one and the same prior for every object.
 
@@ -236,7 +235,8 @@ def _determined(basis: Basis, normal: Normal, sigma: float) -> np.ndarray:
     """
     prior = basis.prior(basis.size / 8, 0.5)
     before = (basis.log_mu[:, 1:] ** 2 * prior[1:]).sum(axis=1) if basis.options.modes else prior[:1]
-    return np.clip(1 - _variance(basis, posterior(normal, prior, sigma).covariance) / before, 0, 1)
+    covariance = posterior(normal, prior, sigma).covariance
+    return np.clip(1 - np.einsum("nk,kl,nl->n", basis.log_mu, covariance, basis.log_mu) / before, 0, 1)
 
 
 def check_gradient(energy: Energy, target: Target, result: Fit) -> float:

@@ -1,6 +1,6 @@
 """Linear-Gaussian inference: standard deviations against the scatter of many repetitions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -71,6 +71,8 @@ class Guess:
     length: float = 1.0
     amplitude: float = 0.7
     sigma: float = 1.0
+    before: tuple[float, float] = (np.inf, np.inf)
+    settled: bool = False
 
 
 BASIS = SimpleNamespace(
@@ -100,6 +102,26 @@ def test_coefficients_that_only_single_parts_want_are_kept_small():
 
 def test_coefficients_that_all_parts_tell_are_found():
     assert 0.2 < chosen_amplitude(0.7, shared=0.0, parts=5) < 1.1
+
+
+def test_a_prior_that_two_states_choose_in_turn_settles_at_the_smoother_one():
+    """As where each is linearised at what the other one's prior led to: coefficients fall off soon or late."""
+    number, rng = np.arange(12), np.random.default_rng(0)
+
+    def prior(length, amplitude):
+        return amplitude**2 * np.maximum(np.exp(-((number * length) ** 2)), 1e-9)
+
+    basis = SimpleNamespace(prior=prior, spacing=0.01, options=SimpleNamespace(modes=12))
+    J, a, guess, seen = rng.normal(size=(5, 60, 12)), rng.normal(size=12), Guess(length=0.3), []
+    for n in range(12):
+        z = J @ (a * np.sqrt(prior((0.1, 0.3)[n % 2], 0.7))) + 0.5 * rng.normal(size=(5, 60))
+        frames = [Normal(A=j.T @ j, b=j.T @ y, c=float(y @ y), count=60) for j, y in zip(J, z, strict=True)]
+        wild = best_hyperparameters(in_parts(frames, 5), basis, replace(guess, settled=False, before=(0, 0)), None, 0.0)
+        guess = best_hyperparameters(in_parts(frames, 5), basis, guess, None, floor=0.0)
+        seen.append((guess.length, wild.length))
+    kept, chosen = (np.array(one[2:]) for one in zip(*seen, strict=True))
+    assert guess.settled and len(set(kept)) == 1
+    assert (chosen[::2] < 0.9 * kept[0]).all() and (chosen[1::2] > 0.99 * kept[0]).all()  # what it would go on to
 
 
 def test_priors_count_by_how_well_they_predict_parts_left_out():

@@ -24,7 +24,8 @@ def read_state(path: Path, key: str) -> FitState | None:
             return FitState(
                 a=stored["a"], length=float(stored["length"]), amplitude=float(stored["amplitude"]),
                 sigma=float(stored["sigma"]), y=stored["y"], objective=tuple(stored["objective"].tolist()),
-                done=bool(stored["done"]),
+                done=bool(stored["done"]), before=tuple(stored["before"].tolist()),
+                settled=bool(stored["settled"]),
             )  # fmt: skip
     except (OSError, ValueError, KeyError, EOFError):
         return None

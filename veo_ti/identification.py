@@ -1,7 +1,7 @@
 """From a measurement to a virtual elastic object: homogeneous baseline, material field, held-out error."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -137,7 +137,8 @@ def identify(
     mu = guess_modulus(stage.energy, stage.target)
     rough = stage.frames(few).run("rough", rest[few], mu, options.fit.homogeneous)
     homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous, rough.state.a)
-    learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit)
+    as_stiff = (0.0, homogeneous.state.a[1])  # around its own mu
+    learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit, as_stiff)
     obj = _object(observation, cloud, learnt, options)
     return Identification(
         observation=observation, options=options, energy=_with(energy, learnt), object=obj, fit=learnt,
@@ -164,7 +165,7 @@ class _Stage:
         return replace(self, energy=self.energy.frames(index), target=self.target.frames(index))
 
     def run(
-        self, name: str, start: np.ndarray, mu: float, options: FitOptions, guess: np.ndarray | None = None
+        self, name: str, start: np.ndarray, mu: float, options: FitOptions, guess: Sequence[float] = ()
     ) -> Fit:
         path = self.folder / f"checkpoint_{name}.npz" if self.folder else None
         state = read_state(path, self.key) if path else None
