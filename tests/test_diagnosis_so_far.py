@@ -21,7 +21,8 @@ def said(folder):
 
 
 def test_an_interrupted_search_for_more_leaves_the_first_look(command, tmp_path, monkeypatch):
-    def interrupted(*given):
+    def interrupted(first, start, others, say):
+        say("another look")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run, "_rounds", interrupted)

@@ -66,9 +66,9 @@ def diagnose(
     """Find what an identified object's simulation gets wrong.
 
     second: after the first look, look for another cause in what is left, or for two at once, which may take several
-    times as long; so_far is given what the first look says before that. effort: Newton's steps of all frames, after
-    which no further look begins; what such a look would have said is not guessed. checkpoints: a folder where every
-    fit's end is kept; an interrupted call with the same measurement, options and causes goes on from there.
+    times as long; so_far is given what the first look says before that begins. effort: Newton's steps of all frames,
+    after which no further look begins; what such a look would have said is not guessed. checkpoints: a folder where
+    every fit's end is kept; an interrupted call with the same measurement, options and causes goes on from there.
     """
     require(effort > 0, "effort", "be positive", effort)
     began, say = time.perf_counter(), progress or (lambda text: None)
@@ -88,9 +88,15 @@ def diagnose(
         )  # fmt: skip
 
     first = look(*start.given, open_causes, say)
-    if second and so_far is not None:
-        so_far(told([first], finished=False))
-    rounds = _rounds(first, start, open_causes if second else (), say)
+
+    def say_after_the_first(text: str) -> None:
+        nonlocal so_far
+        if so_far is not None:
+            so_far(told([first], finished=False))
+            so_far = None
+        say(text)
+
+    rounds = _rounds(first, start, open_causes if second else (), say_after_the_first)
     if len(rounds) == 1:
         rounds = [told_apart(rounds[0], start.refit, start.model, rounds[0].s2, say)]
     return told(rounds, finished=not start.model.effort.over)
