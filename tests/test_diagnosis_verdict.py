@@ -100,6 +100,21 @@ def test_that_another_cause_acts_where_it_looks_like_this_one_is_a_coincidence(u
     assert judge(WRONG, [leaving, replace(b, explained=0.99)]).kind == "ambiguous"
 
 
+@pytest.mark.parametrize(
+    ("gained", "like_noise", "wide", "kind"),
+    [
+        (3415, True, True, "named"),  # seed 7107: a drag against a creeping material, in noise that neighbours share
+        (3415, True, False, "ambiguous"),  # what was not fitted yet may be the cause
+        (3415, False, True, "ambiguous"),  # clear misfit is left: evidence says little
+        (3600, True, True, "ambiguous"),  # as little as what the best one leaves is worth
+    ],
+)
+def test_what_neighbours_share_is_no_misfit_once_all_were_fitted(gained, like_noise, wide, kind):
+    a = replace(found("a", 3636, 0.983, z=116), like_noise=like_noise)
+    b = replace(found("b", gained, 0.957, z=154), like_noise=True)
+    assert judge(WRONG, [a, b], wide=wide).kind == kind
+
+
 def test_one_name_stands_with_nine_tenths_and_two_need_more():
     part, good, most = found("a", 100, 0.7), found("a", 100, 0.85), found("b", 100, 0.92)
     assert stands([most]) and not stands([good])

@@ -119,17 +119,18 @@ def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.
     others = waiting(found.scores, TESTABLE, {c.name for c in found.candidates})
     tried = refitted(others, current, model, floor, modes, say, beside=found.tried)
     more = tried.refits[len(found.tried.refits) :]
-    return replace(with_more(found, more, current, model, floor, modes), tried=tried)
+    return replace(with_more(found, more, current, model, floor, modes, wide=True), tried=tried)
 
 
 def with_more(
-    found: Round, more: Sequence[Refit], current: Refit, model: Model, floor: float, modes: np.ndarray
+    found: Round, more: Sequence[Refit], current: Refit, model: Model, floor: float, modes: np.ndarray, *,
+    wide: bool = False,
 ) -> Round:  # fmt: skip
-    """A first look with further refits of its causes, of each the best one."""
+    """A first look with further refits of its causes, of each the best one; wide: of all that promise something."""
     every = [*found.candidates, *_candidates(more, found.scores, current, model, floor, found.s2, modes)]
     best = {c.name: c for c in sorted(every, key=lambda c: c.gained)}
     candidates = tuple(sorted(best.values(), key=lambda c: -c.gained))
-    verdict = judge(found.misfit, candidates)
+    verdict = judge(found.misfit, candidates, wide=wide)
     extended = verdict.causes[0].refit if verdict.kind == "named" else None
     return replace(found, candidates=candidates, verdict=verdict, extended=extended)
 

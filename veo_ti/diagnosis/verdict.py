@@ -102,20 +102,23 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
 
-def _margin(best: Candidate) -> float:
-    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained.
+def _margin(best: Candidate, wide: bool) -> float:
+    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained. What
+    goes on like noise that neighbours share is nothing as well once all that promise something were fitted: before
+    that, it may be what the true cause does that is like noise.
 
     An effect of s standard deviations gains s^2/2 nats, and causes that show it d apart differ by d^2/2 of them. Our
     error of OURS s turns the order about where d < 2 OURS s.
     """
-    if best.misfit.z < CLEAN:
+    if best.misfit.z < CLEAN or (wide and best.like_noise):
         return max(SURE, best.gained * (1 - best.explained) / best.explained, (2 * OURS) ** 2 * best.gained)
     return max(APART, APART_SHARE * best.gained)
 
 
-def rivals(best: Candidate, others: Sequence[Candidate]) -> list[Candidate]:
-    """Those of others that may as well be the cause: nearly as likely, and not ruled out by what they leave."""
-    near = [c for c in others if c is not best and best.sure - c.gained < _margin(best)]
+def rivals(best: Candidate, others: Sequence[Candidate], *, wide: bool = False) -> list[Candidate]:
+    """Those of others that may as well be the cause: nearly as likely, and not ruled out by what they leave; wide:
+    whether all that promise something are among them."""
+    near = [c for c in others if c is not best and best.sure - c.gained < _margin(best, wide)]
     return [c for c in near if not _rejected(c, best)]
 
 
@@ -130,10 +133,13 @@ def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
     return Verdict(kind="no_misfit", causes=(), sentence=sentence)
 
 
-def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED) -> Verdict:
-    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several. What
-    is not testable, or may well be absent, is not named, but another is not either beside it. One that obeys a law is
-    told by it unless it leaves clear misfit, and another less."""
+def judge(
+    misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED, wide: bool = False
+) -> Verdict:  # fmt: skip
+    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several; wide:
+    whether all that promise something were refitted. What is not testable, or may well be absent, is not named, but
+    another is not either beside it. One that obeys a law is told by it unless it leaves clear misfit, and another
+    less."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
@@ -141,7 +147,7 @@ def judge(misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXP
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
-    near = rivals(best, able)
+    near = rivals(best, able, wide=wide)
     if near and best.explained < TOGETHER and not best.like_noise:
         return unexplained(accepted[:1])
     alike = (best, *near)
