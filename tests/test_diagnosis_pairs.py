@@ -227,3 +227,6 @@ def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # 
     for more in ([there], [far, there], [there, far]):
         assert with_more(once, more, wrong, model, NOISE**2, modes).candidates[0].refit.place is place[0]
     assert with_more(once, [there], wrong, model, NOISE**2, modes).candidates[0].gained > once.candidates[0].gained
+    over = replace(model, effort=Effort(most=1.0, spent=2.0))  # others did not get the looks that they needed
+    verdicts = (with_more(once, [there], wrong, given, NOISE**2, modes).verdict for given in (model, over))
+    assert [v.kind for v in verdicts] == ["named", "unexplained"]

@@ -91,9 +91,7 @@ def look(
     if others and (standing or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
-    verdict = judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED)
-    if verdict.kind == "named" and model.effort.over:  # another may have needed the looks that it did not get
-        verdict = unexplained(verdict.causes)
+    verdict = _lasting(judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), model)
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
         verdict = nothing(faint=True)
@@ -130,9 +128,14 @@ def with_more(
     every = [*found.candidates, *_candidates(more, found.scores, current, model, floor, found.s2, modes)]
     best = {c.name: c for c in sorted(every, key=lambda c: c.gained)}
     candidates = tuple(sorted(best.values(), key=lambda c: -c.gained))
-    verdict = judge(found.misfit, candidates, wide=wide)
+    verdict = _lasting(judge(found.misfit, candidates, wide=wide), model)
     extended = verdict.causes[0].refit if verdict.kind == "named" else None
     return replace(found, candidates=candidates, verdict=verdict, extended=extended)
+
+
+def _lasting(verdict: Verdict, model: Model) -> Verdict:
+    """None is named once the effort is over: another may have needed the looks that it did not get."""
+    return unexplained(verdict.causes) if verdict.kind == "named" and model.effort.over else verdict
 
 
 def _candidates(
