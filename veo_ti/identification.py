@@ -137,8 +137,7 @@ def identify(
     mu = guess_modulus(stage.energy, stage.target)
     rough = stage.frames(few).run("rough", rest[few], mu, options.fit.homogeneous)
     homogeneous = stage.run("homogeneous", rest, mu, options.fit.homogeneous, rough.state.a)
-    as_stiff = (0.0, homogeneous.state.a[1])  # around its own mu
-    learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit, as_stiff)
+    learnt = stage.run("field", homogeneous.state.y, float(homogeneous.lame.mu[0]), options.fit)
     obj = _object(observation, cloud, learnt, options)
     return Identification(
         observation=observation, options=options, energy=_with(energy, learnt), object=obj, fit=learnt,

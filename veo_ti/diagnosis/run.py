@@ -142,7 +142,7 @@ def _rounds(
         return _pair(unsure, start, causes, say, but=found[0].name)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
-    if wide or not causes:
+    if wide or not causes or start.model.effort.over:
         return _pair(first, start, causes, say)
     return _rounds(widened(first, *start.given, say), start, causes, say, wide=True)
 
