@@ -1,6 +1,6 @@
 """Learning the material from observed equilibria by Gauss-Newton (paper "Material Reconstruction")."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,14 +60,14 @@ def fit(
     *,
     mu: float,
     options: FitOptions | None = None,
-    guess: Sequence[float] = (),
+    guess: np.ndarray | None = None,
     state: FitState | None = None,
     progress: Callable[[FitState], None] | None = None,
 ) -> Fit:
     """The most probable material given observed equilibria.
 
     energy: loads and supports; its own material is only replaced. start (T, N, 3) [m]: where the first solve begins.
-    mu [Pa]: first guess of the shear modulus; guess: the first coefficients, as an earlier fit around that mu told.
+    mu [Pa]: first guess of the shear modulus; guess (K,): coefficients of an earlier fit around the same mu.
     Minimises `|r|^2 / 2 sigma^2 + a^T G^-1 a / 2` over the coefficients of a smooth field, with explicit sensitivities;
     the prior's length and amplitude and, where unknown, the noise maximise the linearised evidence, so the field
     becomes no rougher than the noise allows; data count by how independent they are (`sim.evidence.independent`).
@@ -115,10 +115,9 @@ def _solve(energy: Energy, lame: Lame, start: np.ndarray, solver: Solver, newton
 
 
 def _first_state(
-    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: Solver, guess: Sequence[float]
+    energy: Energy, target: Target, start: np.ndarray, basis: Basis, solver: Solver, guess: np.ndarray | None
 ) -> FitState:
-    a = np.zeros(basis.log_mu.shape[1])
-    a[: len(guess)] = guess
+    a = np.zeros(basis.log_mu.shape[1]) if guess is None else guess
     y = _solve(energy, basis.lame(a), start, solver, basis.options.newton).y
     sigma = target.sigma or target.rms(y)
     state = FitState(a=a, length=basis.size / 8, amplitude=0.7, sigma=sigma, y=y, objective=())

@@ -1,7 +1,7 @@
 """From a measurement to a virtual elastic object: homogeneous baseline, material field, held-out error."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -164,7 +164,7 @@ class _Stage:
         return replace(self, energy=self.energy.frames(index), target=self.target.frames(index))
 
     def run(
-        self, name: str, start: np.ndarray, mu: float, options: FitOptions, guess: Sequence[float] = ()
+        self, name: str, start: np.ndarray, mu: float, options: FitOptions, guess: np.ndarray | None = None
     ) -> Fit:
         path = self.folder / f"checkpoint_{name}.npz" if self.folder else None
         state = read_state(path, self.key) if path else None

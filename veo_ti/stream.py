@@ -56,7 +56,7 @@ def find_footprint(
     """
     options = replace(options, modes=min(options.modes, _MODES), iterations=_BETWEEN)
     target, width = target_of(observation), observation.jet.footprint
-    y, a = np.repeat(cloud.x[None], len(observation.time), axis=0), ()
+    y, a = np.repeat(cloud.x[None], len(observation.time), axis=0), None
     mu = guess_modulus(energy_of(observation, cloud), target)
     basis = Basis.of(cloud, options, mu)
     for _ in range(_ROUNDS):

@@ -39,7 +39,8 @@ _ROUGHLY = 0.025  # of what there was, that a first, rough refit may leave of wh
 class Round:
     """One look for a cause: what was wrong, every score, the refitted leaders, the verdict.
 
-    extended: the model with what was named; where several could be what a named cause leaves, with the likeliest.
+    tried: what was refitted, beside which further causes have to stand; extended: the model with what was named; where
+    several could be what a named cause leaves, with the likeliest.
     """
 
     misfit: Misfit
