@@ -8,8 +8,9 @@ from scipy.sparse.linalg import SuperLU
 
 from sim.direct import DirectFactors, Layout
 from sim.energy import Energy, Tangent
-from sim.linear import LIMIT, Preconditioner
+from sim.linear import Preconditioner
 from sim.runtime import serial_blas
+from sim.solvers import Memoryless
 
 try:
     from cvxopt import cholmod, matrix, spmatrix
@@ -17,19 +18,8 @@ except ImportError:
     cholmod = None
 
 
-class _Fresh:
-    """Stands in for a LinearSolver of one frame that keeps nothing from step to step."""
-
-    patience = LIMIT
-
-    def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
-        """Nothing better."""
-
-    def begun(self, count: int) -> None:
-        """Nothing."""
-
-    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
-        """Nothing."""
+class _Fresh(Memoryless):
+    """Stands in for a LinearSolver of one frame, and makes a factor at every step."""
 
     def following(
         self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray

@@ -18,8 +18,26 @@ _WORN = 10  # steps of conjugate gradients that tell that a factor is out of dat
 _PATIENT = 25  # about as many as take as long as a factor, after which no more are made with one
 
 
+class Memoryless:
+    """What a solver does between the steps of Newton's method that keeps nothing from one to the next."""
+
+    @property
+    def patience(self) -> int:
+        """Steps of conjugate gradients, after which they end."""
+        return LIMIT
+
+    def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
+        """Nothing better than what was tried in vain."""
+
+    def begun(self, count: int) -> None:
+        """Nothing is known of so many frames when a solve begins."""
+
+    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
+        """Nothing is learnt from the steps (F,) of conjugate gradients that frames (F,) took."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinearSolver:
+class LinearSolver(Memoryless):
     """Makes preconditioners for tangents of one cloud; what depends on the rest state only is made once."""
 
     layout: Layout
@@ -41,20 +59,6 @@ class LinearSolver:
         if not few:
             return TwoLevel.of(tangent, self.aggregates)
         return DirectFactors.of(tangent, self.layout, exact=self.exact)
-
-    @property
-    def patience(self) -> int:
-        """Steps of conjugate gradients, after which they end."""
-        return LIMIT
-
-    def renewed(self, last: Preconditioner, energy: Energy, tangent: Tangent) -> None:
-        """Nothing better than what was tried in vain."""
-
-    def begun(self, count: int) -> None:
-        """Nothing is known of so many frames when a solve begins."""
-
-    def spent(self, frames: np.ndarray, steps: np.ndarray) -> None:
-        """Nothing is learnt from the steps (F,) of conjugate gradients that frames (F,) took."""
 
     def following(
         self, last: Preconditioner | None, energy: Energy, tangent: Tangent, residual: np.ndarray
