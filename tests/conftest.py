@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from recon.radiance import device
+from sim.runtime import ensure
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("DEPTHAI_INSTALL_SIGNAL_HANDLER", "0")  # its handler would hide where the process crashed
@@ -20,6 +21,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--device"):
         device.use(config.getoption("--device"))
+    elif "PYTEST_XDIST_WORKER" in os.environ:
+        ensure(threads=1)  # others run beside this one
 
 
 @pytest.fixture
