@@ -160,6 +160,12 @@ def reached(problem, way: Way, **state) -> SimpleNamespace:
     return SimpleNamespace(state=SimpleNamespace(scene=None, factors=None, **state), line=line, way=way)
 
 
+def of_one(whole: float) -> Way:
+    """The way of one unknown, which is no material's."""
+    bowl = {"curvature": np.eye(1), "room": np.full(1, np.inf), "log_mu": np.zeros((1, 0))}
+    return Way(normal=None, found=None, whole=np.array([whole]), **bowl)
+
+
 def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch):
     """Beyond 0.15 there is none; the costs fall all the way there. Damping d shortens a step to 1 / (1 + d)."""
     tried: list[float] = []
@@ -173,10 +179,8 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", cost)
-    free = SimpleNamespace(
-        within=lambda step, most: 1.0, stepped=lambda theta, change: theta, turned=lambda theta, before: False
-    )  # fmt: skip
-    way = Way(normal=None, found=None, whole=np.ones(1), curvature=np.eye(1), room=np.full(1, np.inf))
+    free = SimpleNamespace(stepped=lambda theta, change: theta, turned=lambda theta, before: False)
+    way = of_one(1.0)
     here = reached(free, way, coefficients=np.zeros(1), theta=np.zeros(0))
 
     def lower(damping: float) -> tuple[float, float]:
@@ -204,8 +208,7 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: float(trial.theta[0]))
     beta = StrainStiffening()
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
-    monkeypatch.setattr(Problem, "within", lambda self, step, most: 1.0)
-    way = Way(normal=None, found=None, whole=np.array([-1.5]), curvature=np.eye(1), room=np.full(1, np.inf))
+    way = of_one(-1.5)
     here = reached(problem, way, coefficients=np.zeros(0), theta=np.array([1.0]))
     (state, _), _, damping = _lower(here, 1.0, 0.0, 5)
     assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and damping == 1.0

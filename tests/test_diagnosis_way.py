@@ -10,12 +10,21 @@ from veo_ti.diagnosis.causes.other_loads import FollowerLoad
 from veo_ti.diagnosis.way import Way
 
 
+def bowl(
+    bottom: np.ndarray, curvature: np.ndarray, *, room: np.ndarray | None = None, log_mu: np.ndarray | None = None
+) -> Way:
+    """The way to the bottom of a quadratic bowl, whose first unknowns are a material's if that is given."""
+    log_mu = np.zeros((1, 0)) if log_mu is None else log_mu
+    room = np.full(len(bottom), np.inf) if room is None else room
+    return Way(normal=None, found=None, whole=bottom, curvature=curvature, room=room, log_mu=log_mu)
+
+
 def test_a_damped_step_goes_down_and_promises_less():
     """The cost of a quadratic bowl is what the step promises, and the undamped step leads to its bottom."""
     random = np.random.default_rng(4)
     root, bottom = random.normal(size=(5, 5)), random.normal(size=5)
     curvature = root @ root.T + np.eye(5)
-    way = Way(normal=None, found=None, whole=bottom, curvature=curvature, room=np.full(5, np.inf))
+    way = bowl(bottom, curvature)
 
     def cost(x: np.ndarray) -> float:
         return float(0.5 * (x - bottom) @ curvature @ (x - bottom))
@@ -35,7 +44,7 @@ def test_beside_what_has_no_room_the_others_do_what_is_best(damping):
     curvature, room = root @ root.T + 0.1 * np.eye(5), np.full(5, np.inf)
     room[4] = bottom[4] = 0.7
     bottom[4] += 0.5
-    way = Way(normal=None, found=None, whole=bottom, curvature=curvature, room=room)
+    way = bowl(bottom, curvature, room=room)
     damped = curvature + damping * np.diag(np.diagonal(curvature))
     slope = curvature @ bottom
     expected = minimize(
@@ -49,6 +58,31 @@ def test_beside_what_has_no_room_the_others_do_what_is_best(damping):
     assert way.promised(step) == pytest.approx(cost[0] - cost[1])
     if not damping:
         assert way.gain == pytest.approx(cost[0] - cost[1]) and (step == way.change).all()
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_a_material_that_would_change_far_is_held_back_and_shortens_nothing_else(damping):
+    """No log mu changes by more than is allowed; of all steps that change the material no more, in the mean of
+    squares, it is the best, as a constrained minimisation finds it; what may change so far does."""
+    random = np.random.default_rng(6)
+    root, log_mu = random.normal(size=(5, 5)), random.normal(size=(40, 3))
+
+    def changed(x: np.ndarray) -> float:
+        return float(((log_mu @ x[:3]) ** 2).sum())
+
+    curvature, bottom = root @ root.T + 0.1 * np.eye(5), np.array([3.0, -2.0, 1.0, 1.5, -0.5])
+    way = bowl(bottom, curvature, log_mu=log_mu)
+    farthest = np.abs(log_mu @ way.damped(damping)[:3]).max()
+    assert (way.damped(damping, 1.01 * farthest) == way.damped(damping)).all()
+    step = way.damped(damping, 0.2 * farthest)
+    assert np.abs(log_mu @ step[:3]).max() == pytest.approx(0.2 * farthest, rel=1e-4)
+    assert way.promised(step) > way.promised(0.2 * way.damped(damping))
+    damped, slope = curvature + damping * np.diag(np.diagonal(curvature)), curvature @ bottom
+    expected = minimize(
+        lambda x: 0.5 * x @ damped @ x - slope @ x, 0.2 * way.damped(damping), jac=lambda x: damped @ x - slope,
+        constraints={"type": "ineq", "fun": lambda x: changed(step) - changed(x)}, tol=1e-12,
+    ).x  # fmt: skip
+    assert step == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.parametrize("cause", [Softening(), FollowerLoad()])

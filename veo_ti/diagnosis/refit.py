@@ -125,8 +125,7 @@ def _lower(
     next one is clearly shorter.
     """
     for k in range(tries):
-        step = end.way.damped(damping)
-        step = step * end.line.problem.within(step, _CAUTION)
+        step = end.way.damped(damping, _CAUTION)
         trial, lower = _tried(end, cost, step, end.state.factors)
         if lower < cost:
             less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0

@@ -17,6 +17,7 @@ SHARE = 1e-3  # of the cost, likewise
 _ALL = 1.1  # of the cost, which is a sum of squares: more gain than that is none
 _PARTS = 8  # runs of frames that are left out in turn to see how sure a parameter is
 _T = 2.36 / 1.96  # Student's 97.5 % quantile with seven degrees of freedom over the normal one
+_HOLDS, _HALVINGS = (-12.0, 9.0), 24  # decades of the curvature that may hold the material back; how often halved
 _STATE = ("y", "coefficients", "theta")
 
 
@@ -34,6 +35,7 @@ class Way:
     whole: np.ndarray  # change of all unknowns, were there room for it
     curvature: np.ndarray  # of the cost
     room: np.ndarray  # the largest change of each
+    log_mu: np.ndarray  # (N, K) that the first unknowns add
 
     @classmethod
     def of(cls, line: Line, state: Solved) -> "Way":
@@ -43,7 +45,8 @@ class Way:
         found = posterior(normal, prior, np.sqrt(s2))
         whole = found.mean - np.concatenate([state.coefficients, state.theta])
         curvature, room = normal.A / s2 + np.diag(1 / prior), line.problem.room(state.theta)
-        return cls(normal=normal, found=found, whole=whole, curvature=curvature, room=room)
+        log_mu = line.problem.model.basis.log_mu
+        return cls(normal=normal, found=found, whole=whole, curvature=curvature, room=room, log_mu=log_mu)
 
     @cached_property
     def change(self) -> np.ndarray:
@@ -69,12 +72,31 @@ class Way:
         unknowns[own] += np.linalg.solve(self.curvature[own, own], left)
         return unknowns[: len(state.coefficients)]
 
-    def damped(self, damping: float) -> np.ndarray:
-        """The step of a curvature with so much more of its diagonal."""
-        if not damping:
-            return self.change
-        damped = self.curvature + damping * np.diag(np.diagonal(self.curvature))
-        return self._possible(np.linalg.solve(damped, self.curvature @ self.whole), damped)
+    def damped(self, damping: float, most: float = np.inf) -> np.ndarray:
+        """The step of a curvature with so much more of its diagonal; changes of the material are held back until none
+        of log mu is over `most`, so that a region which would change far shortens nothing else."""
+        diagonal = damping * np.diag(np.diagonal(self.curvature))
+        step = self._held_by(diagonal) if damping else self.change
+        if self._farthest(step) <= most:
+            return step
+        K, field = self.log_mu.shape[1], np.zeros_like(self.curvature)
+        field[:K, :K] = self.log_mu.T @ self.log_mu
+        field *= np.trace(self.curvature[:K, :K]) / np.trace(field)
+        low, high = _HOLDS
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            step = self._held_by(diagonal + 10**middle * field)
+            low, high = (middle, high) if self._farthest(step) > most else (low, middle)
+        return self._held_by(diagonal + 10**high * field)
+
+    def _farthest(self, step: np.ndarray) -> float:
+        """The largest change of log mu."""
+        return float(np.abs(self.log_mu @ step[: self.log_mu.shape[1]]).max())
+
+    def _held_by(self, more: np.ndarray) -> np.ndarray:
+        """The step of a curvature with so much more."""
+        curvature = self.curvature + more
+        return self._possible(np.linalg.solve(curvature, self.curvature @ self.whole), curvature)
 
     def _possible(self, step: np.ndarray, curvature: np.ndarray) -> np.ndarray:
         held = step > self.room
