@@ -81,6 +81,15 @@ def test_verdicts(candidates, kind, names):
     assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
 
 
+@pytest.mark.parametrize(("z", "other", "wide", "kind"), [
+    (3, 20, True, "named"), (3, 20, False, "unexplained"), (5, 20, True, "unexplained"), (3, 7, True, "unexplained"),
+])  # fmt: skip
+def test_what_a_change_of_the_material_imitates_is_named_where_it_alone_of_all_leaves_noise(z, other, wide, kind):
+    """Seed 7170: of a stiffness that drifts 5 % of the effect were left, far more than noise."""
+    candidates = [found("a", 400, 1.0, z=z, testable=False), found("b", 40, 0.3, z=other)]
+    assert judge(WRONG, candidates, wide=wide).kind == kind
+
+
 @pytest.mark.parametrize(
     ("unlike", "kind", "names"),
     [

@@ -20,6 +20,7 @@ from veo_ti.evaluation import judged
 from veo_ti.identification import Identification
 
 _SMOOTH = 12  # spatial modes in which misfit is looked for
+_CLEARLY = 10.0  # times the noise's variance, beyond which so much is wrong that its last hundredth says nothing
 _STIFF = 4.0  # times the stiffness that the differences between frames tell, beyond which it is taken from them, and
 _AS_STIFF = 0.1  # known so well [nats]
 
@@ -68,7 +69,8 @@ class Baseline:
             through_time=KeptSolver.of(scene.energy, len(scene.y)),
         )  # fmt: skip
         say("baseline")
-        found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]))
+        rough = model.s2 > _CLEARLY * noise.variance
+        found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]), rough=rough)
         for _ in range(LOOKS):
             left = replace(found.left, target=replace(found.left.target, seen=whole.seen, sigma=whole.sigma))
             again = measure_noise(left, modes)
@@ -78,7 +80,9 @@ class Baseline:
                 break
             say("closer look at the baseline")
             noise, model = again, replace(model, s2=s2, prior=better.prior)
-            found = refit(_told(found.scene, whole.seen, noise), model, found.coefficients, onward=found)
+            rough = s2 > _CLEARLY * noise.variance
+            told = _told(found.scene, whole.seen, noise)
+            found = refit(told, model, found.coefficients, rough=rough, onward=found)
         return cls(refit=everywhere(found), model=model, noise=noise, modes=modes)
 
 

@@ -102,6 +102,13 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
 
+def _alone_leaves_noise(cause: Candidate, able: Sequence[Candidate]) -> bool:
+    """Whether it does, and all others leave clear misfit: of such a cause enough was seen, however much of its effect a
+    change of the material imitates."""
+    others = [c for c in able if c is not cause]
+    return cause.misfit.z < MISFIT and all(c.misfit.z > 2 * MISFIT for c in others)
+
+
 def _margin(best: Candidate, wide: bool) -> float:
     """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained. What
     goes on like noise that neighbours share is nothing as well once all that promise something were fitted: before
@@ -137,13 +144,14 @@ def judge(
     misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED, wide: bool = False
 ) -> Verdict:  # fmt: skip
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several; wide:
-    whether all that promise something were refitted. What is not testable, or may well be absent, is not named, but
-    another is not either beside it. One that obeys a law is told by it unless it leaves clear misfit, and another
-    less."""
+    whether all that promise something were refitted. What may well be absent is not named, nor what is not testable,
+    unless it alone of all leaves noise; but another is not either beside it. One that obeys a law is told by it unless
+    it leaves clear misfit, and another less."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
-    accepted = sorted((c for c in able if c.settled and c.testable and c.certain), key=lambda c: -c.sure)
+    told = [c for c in able if c.testable or (wide and _alone_leaves_noise(c, able))]
+    accepted = sorted((c for c in told if c.settled and c.certain), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
     best = accepted[0]
@@ -152,14 +160,14 @@ def judge(
         return unexplained(accepted[:1])
     alike = (best, *near)
     names = {c.name for c in alike}
-    told = [
+    lawful = [
         c for c in alike
         if c in accepted and c.explained > TOGETHER and c.misfit.z <= lawful_up_to(alike)
         and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
     ]  # fmt: skip
-    if near and len(told) != 1:
+    if near and len(lawful) != 1:
         return either(alike)
-    return named(told[0] if near else best)
+    return named(lawful[0] if near else best)
 
 
 def lawful_up_to(alike: Iterable[Candidate]) -> float:
