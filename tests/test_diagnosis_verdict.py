@@ -81,12 +81,16 @@ def test_verdicts(candidates, kind, names):
     assert (verdict.kind, [c.name for c in verdict.causes]) == (kind, names)
 
 
-@pytest.mark.parametrize(("z", "other", "wide", "kind"), [
-    (3, 20, True, "named"), (3, 20, False, "unexplained"), (5, 20, True, "unexplained"), (3, 7, True, "unexplained"),
+@pytest.mark.parametrize(("explained", "other", "z", "wide", "kind"), [
+    (0.99, 0.8, 20, True, "named"), (0.99, 0.8, 20, False, "unexplained"), (0.97, 0.3, 20, True, "unexplained"),
+    (0.99, 0.96, 20, True, "ambiguous"), (1.0, 0.96, 7, True, "ambiguous"),
 ])  # fmt: skip
-def test_what_a_change_of_the_material_imitates_is_named_where_it_alone_of_all_leaves_noise(z, other, wide, kind):
-    """Seed 7170: of a stiffness that drifts 5 % of the effect were left, far more than noise."""
-    candidates = [found("a", 400, 1.0, z=z, testable=False), found("b", 40, 0.3, z=other)]
+def test_what_a_change_of_the_material_imitates_is_named_where_it_alone_of_all_leaves_little(
+    explained, other, z, wide, kind
+):
+    """Seeds 7019, 7170, 7187: softenings and a drift of which 3 to 5 % were left, far more than noise. Only once all
+    that promise something were fitted."""
+    candidates = [found("a", 400, explained, z=50, testable=False), found("b", 40, other, z=z)]
     assert judge(WRONG, candidates, wide=wide).kind == kind
 
 

@@ -102,11 +102,11 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
 
-def _alone_leaves_noise(cause: Candidate, able: Sequence[Candidate]) -> bool:
-    """Whether it does, and all others leave clear misfit: of such a cause enough was seen, however much of its effect a
+def _alone_leaves_little(cause: Candidate, able: Sequence[Candidate]) -> bool:
+    """Whether it does, and all others leave clearly more: of such a cause enough was seen, however much of its effect a
     change of the material imitates."""
-    others = [c for c in able if c is not cause]
-    return cause.misfit.z < MISFIT and all(c.misfit.z > 2 * MISFIT for c in others)
+    left, others = 1 - cause.explained, [c for c in able if c is not cause]
+    return left < LITTLE and all(c.misfit.z > 2 * MISFIT and 1 - c.explained > MORE * left for c in others)
 
 
 def _margin(best: Candidate, wide: bool) -> float:
@@ -145,12 +145,12 @@ def judge(
 ) -> Verdict:  # fmt: skip
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several; wide:
     whether all that promise something were refitted. What may well be absent is not named, nor what is not testable,
-    unless it alone of all leaves noise; but another is not either beside it. One that obeys a law is told by it unless
+    unless it alone of all leaves little; but another is not either beside it. One that obeys a law is told by it unless
     it leaves clear misfit, and another less."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
-    told = [c for c in able if c.testable or (wide and _alone_leaves_noise(c, able))]
+    told = [c for c in able if c.testable or (wide and _alone_leaves_little(c, able))]
     accepted = sorted((c for c in told if c.settled and c.certain), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
