@@ -1,11 +1,12 @@
 """What a diagnosis says it would have seen, against what it sees."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from test_diagnosis_report import CAUSES, HIDDEN, OPTIONS, observation, sound  # noqa: F401
 
-from veo_ti.diagnosis.facts import facts
+from veo_ti.diagnosis.facts import _hidden, facts
 from veo_ti.diagnosis.run import diagnose
 from veo_ti.identification import identify
 
@@ -34,3 +35,5 @@ def test_what_a_change_of_the_material_imitates_has_no_smallest_size(sound):  # 
     row = facts(replace(sound, rounds=(hidden, *rounds)))["ranking"][0]
     assert not row["testable"] and "imitates it: only 4%" in row["why_not"]
     assert all(p["smallest_detectable"] is None for p in row["parameters"])
+    seen = SimpleNamespace(named=(SimpleNamespace(name=score.name),), baseline=sound.baseline)
+    assert _hidden(seen, hidden.scores[0]) is None  # it leaves little where all others leave much, and is named

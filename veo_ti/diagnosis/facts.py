@@ -123,7 +123,9 @@ def _scored(diagnosis: Diagnosis, score: Score) -> dict[str, object]:
 
 
 def _hidden(diagnosis: Diagnosis, score: Score) -> str | None:
-    """Why a cause that was scored could not have been seen at any plausible size, or None."""
+    """Why a cause that was scored could not have been seen at any plausible size, or None; one that is named was."""
+    if score.name in {c.name for c in diagnosis.named}:
+        return None
     widths = score.cause.widths(diagnosis.baseline.scene)
     if _told(score) and (score.log_bayes > _WORTH_A_WORD or (score.detectable <= _FAR * widths).any()):
         return None
