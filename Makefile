@@ -11,7 +11,7 @@ JOBS ?= 2
 MIX ?= default
 IN_HERE := cd "$(HERE)" &&
 # Tests in as many processes as there are cores, of one thread each: most of them have work for one.
-SIDE_BY_SIDE := -n logical --maxprocesses 4 --dist worksteal
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n logical --maxprocesses 4 --dist worksteal
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input
 FITS := import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3.10; do \
@@ -40,11 +40,10 @@ lint: $(VENV)/.ready-test
 	$(IN_HERE) $(BIN)/ruff check .
 
 check: $(VENV)/.ready-test
-	$(IN_HERE) OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(SIDE_BY_SIDE)
+	$(IN_HERE) $(PYTEST)
 
 notebooks: $(VENV)/.ready-test
-	$(IN_HERE) if ls notebooks/*.ipynb >/dev/null 2>&1; then PYTHONWARNINGS= OMP_NUM_THREADS=1 \
-		$(BIN)/python -m pytest $(SIDE_BY_SIDE) --nbmake --nbmake-timeout=900 notebooks; fi
+	$(IN_HERE) if ls notebooks/*.ipynb >/dev/null 2>&1; then PYTHONWARNINGS= $(PYTEST) --nbmake --nbmake-timeout=900 notebooks; fi
 
 bench: $(VENV)/.ready-test
 	$(IN_HERE) $(BIN)/python -m benchmarks

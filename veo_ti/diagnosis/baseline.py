@@ -20,7 +20,7 @@ from veo_ti.evaluation import judged
 from veo_ti.identification import Identification
 
 _SMOOTH = 12  # spatial modes in which misfit is looked for
-_CLEARLY = 10.0  # times the noise's variance, beyond which so much is wrong that its last hundredth says nothing
+_CLEARLY = 10.0  # times the noise's variance
 _STIFF = 4.0  # times the stiffness that the differences between frames tell, beyond which it is taken from them, and
 _AS_STIFF = 0.1  # known so well [nats]
 
@@ -69,8 +69,7 @@ class Baseline:
             through_time=KeptSolver.of(scene.energy, len(scene.y)),
         )  # fmt: skip
         say("baseline")
-        rough = model.s2 > _CLEARLY * noise.variance
-        found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]), rough=rough)
+        found = refit(scene, model, np.concatenate([start, np.zeros(len(extra))]), rough=_clearly_wrong(model, noise))
         for _ in range(LOOKS):
             left = replace(found.left, target=replace(found.left.target, seen=whole.seen, sigma=whole.sigma))
             again = measure_noise(left, modes)
@@ -80,10 +79,14 @@ class Baseline:
                 break
             say("closer look at the baseline")
             noise, model = again, replace(model, s2=s2, prior=better.prior)
-            rough = s2 > _CLEARLY * noise.variance
-            told = _told(found.scene, whole.seen, noise)
+            told, rough = _told(found.scene, whole.seen, noise), _clearly_wrong(model, noise)
             found = refit(told, model, found.coefficients, rough=rough, onward=found)
         return cls(refit=everywhere(found), model=model, noise=noise, modes=modes)
+
+
+def _clearly_wrong(model: Model, noise: Noise) -> bool:
+    """Whether so much more than noise is left that the last hundredth of it says nothing."""
+    return model.s2 > _CLEARLY * noise.variance
 
 
 def _told(scene: Scene, seen: np.ndarray, noise: Noise) -> Scene:

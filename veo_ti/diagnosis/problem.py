@@ -17,6 +17,11 @@ from veo_ti.diagnosis.scene import Scene
 _OPEN = 0.3  # of the smallest J of each frame, that a first-order motion must leave
 
 
+def farthest(log_mu: np.ndarray, step: np.ndarray) -> float:
+    """The largest change of log mu by a step of all unknowns, of which the first are those that log_mu (N, K) adds."""
+    return float(np.abs(log_mu @ step[: log_mu.shape[1]]).max())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
     """Material, discretisation and a cause at a place (None: the baseline) are looked for, under a prior.
@@ -65,7 +70,7 @@ class Problem:
 
     def within(self, step: np.ndarray, most: float) -> float:
         """The share, up to one, of a step of all unknowns that changes no log mu by more than `most`."""
-        return min(1.0, most / max(float(np.abs(self.model.basis.log_mu @ step[: self.materials]).max()), 1e-12))
+        return min(1.0, most / max(farthest(self.model.basis.log_mu, step), 1e-12))
 
     def numerics(self, coefficients: np.ndarray) -> np.ndarray:
         """The discretisation's part of the motion, (T, N, 3) [m]."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.evidence import Normal, Posterior, jackknife, posterior
 from veo_ti.diagnosis.fitted import Refit
-from veo_ti.diagnosis.problem import Line, Problem
+from veo_ti.diagnosis.problem import Line, Problem, farthest
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
 
@@ -77,7 +77,7 @@ class Way:
         of log mu is over `most`, so that a region which would change far shortens nothing else."""
         diagonal = damping * np.diag(np.diagonal(self.curvature))
         step = self._held_by(diagonal) if damping else self.change
-        if self._farthest(step) <= most:
+        if farthest(self.log_mu, step) <= most:
             return step
         K, field = self.log_mu.shape[1], np.zeros_like(self.curvature)
         field[:K, :K] = self.log_mu.T @ self.log_mu
@@ -86,12 +86,8 @@ class Way:
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             step = self._held_by(diagonal + 10**middle * field)
-            low, high = (middle, high) if self._farthest(step) > most else (low, middle)
+            low, high = (middle, high) if farthest(self.log_mu, step) > most else (low, middle)
         return self._held_by(diagonal + 10**high * field)
-
-    def _farthest(self, step: np.ndarray) -> float:
-        """The largest change of log mu."""
-        return float(np.abs(self.log_mu @ step[: self.log_mu.shape[1]]).max())
 
     def _held_by(self, more: np.ndarray) -> np.ndarray:
         """The step of a curvature with so much more."""
