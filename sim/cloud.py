@@ -118,8 +118,7 @@ class RestCloud:
     @property
     def normals(self) -> np.ndarray:
         """Outward unit normals (N, 3); zero where the cloud shows no surface."""
-        length = np.linalg.norm(self.area, axis=1, keepdims=True)
-        return np.divide(self.area, length, out=np.zeros_like(self.area), where=length > 0)
+        return self.hull.normals(self.x)
 
     def deformation_gradient(self, y: np.ndarray) -> np.ndarray:
         """F (T, N, 3, 3) of the positions y (T, N, 3) [m]."""

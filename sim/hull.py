@@ -7,6 +7,7 @@ from scipy.spatial import Delaunay, QhullError
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward for a positively oriented tetrahedron
 _ALPHA = 1.25  # largest circumradius over neighbour distance: a cubic cell has 0.87, a gap of two and a half 1.25
+_NOTHING = 1e-9  # of the largest: where the faces around a point cancel, it has no outside
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +45,19 @@ class Hull:
         columns = [np.bincount(self.faces.ravel(), third[:, n], minlength=len(x)) for n in range(3)]
         return np.stack(columns, axis=1)
 
+    def normals(self, x: np.ndarray) -> np.ndarray:
+        """Outward unit normals (N, 3) at positions x (N, 3) [m]; zero inside.
+
+        Every face counts by the part of it that lies nearest to the point (the mixed areas of Meyer et al. 2003): a
+        third of each would depend on which way a flat patch happens to be cut, and tilt the normals of edges.
+        """
+        corners = x[self.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        own = (_nearest_parts(corners)[..., None] * normal[:, None]).reshape(-1, 3)
+        out = np.stack([np.bincount(self.faces.ravel(), own[:, n], minlength=len(x)) for n in range(3)], axis=1)
+        size = np.linalg.norm(out, axis=1, keepdims=True)
+        return np.divide(out, size, out=np.zeros_like(out), where=size > _NOTHING * size.max(initial=0.0))
+
     def surface(self, count: int) -> np.ndarray:
         """The points on the boundary, or in no tetrahedron, (count,) bool."""
         outside = np.ones(count, bool)
@@ -63,6 +77,16 @@ def _circumradii(x: np.ndarray, tets: np.ndarray) -> np.ndarray:
     aa, bb, cc = ((v**2).sum(axis=1, keepdims=True) for v in (a, b, c))
     top = np.linalg.norm(aa * np.cross(b, c) + bb * np.cross(c, a) + cc * np.cross(a, b), axis=1)
     return top / np.maximum(12 * np.abs(_volumes(x, tets)), np.finfo(float).tiny)
+
+
+def _nearest_parts(corners: np.ndarray) -> np.ndarray:
+    """Shares (B, 3) of triangles (B, 3, 3) nearest to each corner; an obtuse one gives half to its widest."""
+    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
+    long = (sides**2).sum(axis=2)
+    cosine = (long.sum(axis=1, keepdims=True) - 2 * long) / 2  # times the lengths of the two sides that meet there
+    twice = long * cosine
+    shares = (twice.sum(axis=1, keepdims=True) - twice) / np.maximum(2 * twice.sum(axis=1, keepdims=True), 1e-300)
+    return np.where((cosine < 0).any(axis=1, keepdims=True), np.where(cosine < 0, 0.5, 0.25), shares)
 
 
 def _boundary(tets: np.ndarray) -> np.ndarray:

@@ -92,6 +92,17 @@ def test_surface_of_a_box_is_found_with_its_normals():
     assert np.abs(cloud.area[high[:, 0], 0].sum() - size[1] * size[2]) < 0.1 * size[1] * size[2]
 
 
+def test_normals_of_edges_and_corners_do_not_depend_on_how_the_faces_are_cut():
+    h, ends = np.array([1.0, 0.8, 0.9]), np.array([3, 4, 3])  # of a grid whose squares are cut along either diagonal
+    at = np.indices(ends + 1).reshape(3, -1).T
+    side = (at == ends).astype(float) - (at == 0)
+    beside = h[[1, 2, 0]] * h[[2, 0, 1]] / 4  # a quarter of each square, that a point of a flat grid has on each side
+    expected = side * beside * np.where(side == 0, 2, 1).prod(axis=1, keepdims=True)
+    cloud = RestCloud.build(at * h)
+    expected /= np.maximum(np.linalg.norm(expected, axis=1, keepdims=True), 1e-300)
+    np.testing.assert_allclose(cloud.normals, expected, atol=1e-12)
+
+
 def test_cloud_does_not_depend_on_the_order_of_its_points():
     cloud = sim_cases.cloud("jittered")
     order = np.random.default_rng(1).permutation(cloud.count)

@@ -37,7 +37,7 @@ class CorrespondenceSlip(Cause):
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """The tangential part of the displacement is reported too small."""
-        normals = _normals(_areas(scene))
+        normals = _unit(_turned(scene))
 
         def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
             return y - theta[0] * _along(y - scene.cloud.x, normals[frames])
@@ -46,9 +46,9 @@ class CorrespondenceSlip(Cause):
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
         """Of a change of motion, too, the tangential part is reported too small; and with it the surface turns."""
-        a = _areas(scene)
+        a = _turned(scene)
         size = np.maximum(np.linalg.norm(a, axis=2, keepdims=True), 1e-300)
-        normals, inverse, u = _normals(a), np.linalg.inv(scene.F), scene.y - scene.cloud.x
+        normals, inverse, u = _unit(a), np.linalg.inv(scene.F), scene.y - scene.cloud.x
 
         def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
             n, moved = normals[frames], u[frames]
@@ -71,12 +71,12 @@ def _along(v: np.ndarray, n: np.ndarray) -> np.ndarray:
     return v - _dot(v, n) * n
 
 
-def _areas(scene: Scene) -> np.ndarray:
-    """Outward area vectors of the simulated surface over their volume's change (T, N, 3) [m2]: `F^-T A`."""
-    return np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.area)
+def _turned(scene: Scene) -> np.ndarray:
+    """The rest shape's normals as the simulated surface turns them, not of unit length (T, N, 3): `F^-T n`."""
+    return np.einsum("tnba,nb->tna", np.linalg.inv(scene.F), scene.cloud.normals)
 
 
-def _normals(area: np.ndarray) -> np.ndarray:
-    """Unit vectors of areas (T, N, 3), zero inside."""
-    size = np.linalg.norm(area, axis=2, keepdims=True)
-    return np.where(size > 1e-12 * size.max(), area / np.maximum(size, 1e-300), 0.0)
+def _unit(v: np.ndarray) -> np.ndarray:
+    """Unit vectors along v (T, N, 3), zero where it is."""
+    size = np.linalg.norm(v, axis=2, keepdims=True)
+    return np.divide(v, size, out=np.zeros_like(v), where=size > 0)
