@@ -22,7 +22,7 @@ from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, statistics_of, with_more
 from veo_ti.diagnosis.score import Misfit
-from veo_ti.diagnosis.verdict import Candidate, named, unexplained
+from veo_ti.diagnosis.verdict import Candidate, unexplained
 
 FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), np.array([0.02, 0.0, 3e-3, 0.0])
 LASTING = SimpleNamespace(effort=Effort())  # a model
@@ -200,21 +200,6 @@ def test_where_each_of_two_has_a_twin_it_is_one_of_each(filmed, model):  # noqa:
     sides = {frozenset(c.name for c in r.verdict.causes) for r in said}
     assert sides == {frozenset(("hidden_force", "other_force")), frozenset(("camera_scale", "other_scale"))}
     assert all(r.experiment is not None and r.extended is None for r in said)
-
-
-@pytest.mark.parametrize(("alone_there", "names"), [(197.0, ["a"]), (180.0, ["a", "b"])])
-def test_a_second_one_beside_which_the_first_only_had_to_move_is_not_named(alone_there, names, monkeypatch):
-    """Both together are worth 200 nats: no more than the first one alone where it is beside the second."""
-    both = pair("a", "b", 200, leaves=0.0)
-    first = replace(both.first, explained=0.8)
-    moved, alone = SimpleNamespace(evidence=lambda s2: alone_there), unexplained_by(first)
-    found = replace(alone, candidates=(both.second,))
-    monkeypatch.setattr(pairs, "look", lambda *given, **more: found)
-    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
-    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: moved)
-    given = lambda c: (LASTING, 1.0), None, [both.second], str, lambda more: replace(alone, verdict=named(both.first))
-    said = pairs.two_at_once(alone, *given)
-    assert [r.verdict.causes[0].name for r in said] == names
 
 
 def test_with_more_the_better_refit_of_a_cause_counts(filmed, model, place):  # noqa: F811

@@ -25,7 +25,7 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
 
     monkeypatch.setattr(pairs, "look", look)
     monkeypatch.setattr(pairs, "_holds", lambda *given: True)
-    monkeypatch.setattr(pairs._Pair, "first_alone", lambda self, say: None)
+    monkeypatch.setattr(pairs._Pair, "alone", lambda self, known, say: [])
     said = pairs.two_at_once(alone, lambda c: (LASTING, 1.0), None, [b], str, None)
     assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave
     assert [r.verdict.causes[0].name for r in said] == ["b", "c"]

@@ -16,6 +16,7 @@ from veo_ti.diagnosis.verdict import (
     CHANCE,
     CLEAN,
     EXPLAINED,
+    MISFIT,
     TOGETHER,
     Candidate,
     either,
@@ -47,16 +48,19 @@ class _Pair:
         """Log evidence of both at a variance of the noise [m2]."""
         return self.second.refit.tuned(self.model, s2).evidence(s2)
 
-    def first_alone(self, say: Progress) -> Refit | None:
-        """The first one refitted alone where it is beside the second, if that is another place than before and might
-        do without the second."""
-        joint, second = self.second.refit.apart()
-        if joint.place is self.first.refit.place or _borne_out(second) > _SURELY * BETTER:  # places may be arrays
-            return None
-        say(f"{self.first.name} alone, where it is beside {self.second.name}")
-        there, start = replace(self.model, s2=self.found.s2), self.first.refit
-        own = refit(start.without, there, joint.coefficients, cause=joint.cause, place=joint.place, theta=joint.theta)
-        return own.tuned(there, there.s2)
+    def alone(self, known: Sequence[Candidate], say: Progress) -> list[Refit]:
+        """Either one refitted alone where it is beside the other, if it was not at that place and might do without."""
+        there, places = replace(self.model, s2=self.found.s2), {c.name: c.refit.place for c in known}
+        parts, found = self.second.refit.apart(), []
+        for own, other in (parts, parts[::-1]):
+            cause, place = own.cause, own.place
+            tried = cause.name in places and places[cause.name] is place  # places may be arrays
+            if tried or _borne_out(other) > _SURELY * BETTER:
+                continue
+            say(f"{cause.name} alone, where it is beside {other.cause.name}")
+            start = self.first.refit.without
+            found.append(refit(start, there, own.coefficients, cause=cause, place=place, theta=own.theta))
+        return [one.tuned(there, there.s2) for one in found]
 
     def part(self, name: str) -> Candidate:
         """The one of that name, with the parameters that both have together."""
@@ -79,8 +83,8 @@ def two_at_once(
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
     alone: a round that named none; narrower(refit): model and floor once that cause is part of it; again(refits):
-    the round with further refits; but: no start, since a second one was looked for beside it before. Where a first
-    cause only had to move, and beside it the second adds nothing, that round names it alone. A second cause is
+    the round with further refits; but: no start, since a second one was looked for beside it before. Where one of two
+    only had to move, and beside it the other adds too little, that round names it alone. A second cause is
     looked for beside each of the two that explain most, at least half (else as much as the one that explains most),
     and, if there is one, beside those that explain nearly as much; both are refitted together. Then beside the
     second ones of the best pairs: the first one may only imitate what goes with them. Beside one that explains
@@ -104,11 +108,10 @@ def two_at_once(
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
         for second in (c for c in found.candidates if _holds(start, c, alone)):
             pair = _Pair(first=start, second=second, found=found, model=model)
-            first = pair.first_alone(say)
-            if first is None or pair.worth(found.s2) - first.evidence(found.s2) > BETTER:
+            own = pair.alone(alone.candidates, say)
+            lone.extend(own)
+            if all(pair.worth(found.s2) - one.evidence(found.s2) > BETTER for one in own):
                 pairs.append(pair)
-            else:
-                lone.append(first)
 
     starts = able[: _MOST if causes else 0]
     starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
@@ -118,7 +121,9 @@ def two_at_once(
     for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(pairs)}]:
         beside(partner)
     single = again(lone) if lone else alone
-    if single.verdict.kind == "named" and stands(single.verdict.causes):
+    pairs = [p for p in pairs if _holds(p.first, p.second, single)]
+    enough = single.verdict.kind == "named" and stands(single.verdict.causes)
+    if enough and (not pairs or single.verdict.causes[0].misfit.z < MISFIT):
         return (single,)
     near = _near(pairs)
     if not near or not near[0].second.settled:
