@@ -82,10 +82,10 @@ def test_a_fit_that_creeps_ends(measured, model, monkeypatch, short):  # noqa: F
     short ones, which do not, and for which old fingerprints serve, but not to the end."""
     costs = []
 
-    def creeping(end, cost, damping, tries):
+    def creeping(end, cost, care, tries):
         costs.append(cost)
         share = 0.0025 * cost / end.way.gain if short else 1.0
-        return (end.state, 0.995 * cost), share * end.way.change, damping
+        return (end.state, 0.995 * cost), share * end.way.change, care
 
     monkeypatch.setattr(refits, "_lower", creeping)
     monkeypatch.setattr(refits, "_shortened", lambda end, cost, step, whole: whole)

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnosis_experiment import NOISE, baseline, model, scene  # noqa: F401
+from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from sim.newton import NewtonOptions, equilibrate
-from veo_ti.diagnosis import pairs
+from veo_ti.diagnosis import pairs, rounds
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.dynamics import Damping
@@ -105,7 +105,17 @@ def test_refitted_together_both_get_their_sizes(filmed, model, both, place):  # 
     assert len(force.prior) == len(model.prior) + 3 and len(scale.prior) == len(model.prior) + 4
 
 
-def test_two_that_explain_together_what_none_explains_alone_are_named(filmed, model, baseline):  # noqa: F811
+@pytest.mark.parametrize("imitated", [False, True])
+def test_two_that_explain_together_what_none_explains_alone_are_named(imitated, filmed, model, monkeypatch):  # noqa: F811
+    """Also where another material imitates one of them nearly, but as much speaks for it as for any."""
+    plain = rounds.scores_of
+    seem = {"camera_scale": {"keep": 0.01}, "force_magnitude": {"log_bayes": 2e6, "explained": 0.5}}
+
+    def scores_of(*given):
+        statistics, scores = plain(*given)
+        return statistics, tuple(replace(s, **seem.get(s.name, {})) if imitated else s for s in scores)
+
+    monkeypatch.setattr(rounds, "scores_of", scores_of)
     wrong = refit(filmed, model, np.zeros(len(model.prior)))
     causes = [HiddenForce(), CameraScale(), ForceMagnitude(), ForceTiming()]
     modes = model.basis.field.modes[:, :12]
@@ -169,6 +179,10 @@ def test_each_of_a_pair_is_worth_its_name(single, first_sd, holds):
     alone = SimpleNamespace(candidates=[candidate("c", single)])
     assert pairs._holds(first, second, alone) == holds
     assert not pairs._holds(first, replace(second, certain=False), alone)
+    imitated = replace(second, testable=False)  # by another material: more has to be explained
+    assert pairs._holds(first, imitated, alone) == holds
+    for one in (replace(second, explained=0.75), replace(imitated, explained=0.75)):
+        assert pairs._holds(first, one, SimpleNamespace(candidates=[])) == (one.testable and first_sd < 0.5)
 
 
 def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811

@@ -1,6 +1,6 @@
 """Equilibria under a cause that follows the motion: the motion is the one that its own history leads to."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +17,7 @@ from veo_ti.diagnosis.causes.other_loads import FollowerLoad
 from veo_ti.diagnosis.fitted import everywhere
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.problem import Problem
-from veo_ti.diagnosis.refit import _lower, refit
+from veo_ti.diagnosis.refit import _Care, _lower, refit
 from veo_ti.diagnosis.solved import Solved, solved
 from veo_ti.diagnosis.way import Reached, Way
 
@@ -166,8 +166,17 @@ def of_one(whole: float) -> Way:
     return Way(normal=None, found=None, whole=np.array([whole]), **bowl)
 
 
-def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch):
-    """Beyond 0.15 there is none; the costs fall all the way there. Damping d shortens a step to 1 / (1 + d)."""
+@pytest.mark.parametrize(
+    ("beyond", "shares", "care", "less"),
+    [
+        (np.inf, [1.0, 0.3, 0.09], _Care(share=0.09), _Care(share=0.3)),
+        (1.0, [1.0, 1 / 1.01, 1 / 1.1, 1 / 2, 1 / 11], _Care(damping=10.0), _Care(damping=1.0)),
+    ],
+)
+def test_a_step_without_equilibrium_is_shortened_and_one_that_costs_more_damped(
+    beyond, shares, care, less, monkeypatch
+):  # fmt: skip
+    """As one beyond 0.15 does; so is the next one. Damping d shortens a step to 1 / (1 + d)."""
     tried: list[float] = []
 
     def fake(problem, near, coefficients, theta, factors, *, most):
@@ -175,25 +184,19 @@ def test_a_step_without_equilibrium_is_damped_and_so_is_the_next_one(monkeypatch
         return SimpleNamespace(coefficients=coefficients)
 
     def cost(problem, trial):
-        return np.inf if trial.coefficients[0] > 0.15 else -trial.coefficients[0]
+        return beyond if trial.coefficients[0] > 0.15 else -trial.coefficients[0]
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", cost)
     free = SimpleNamespace(stepped=lambda theta, change: theta, turned=lambda theta, before: False)
-    way = of_one(1.0)
-    here = reached(free, way, coefficients=np.zeros(1), theta=np.zeros(0))
-
-    def lower(damping: float) -> tuple[float, float]:
-        _, step, less = _lower(here, 0.0, damping, 5)
-        return float(step[0]), less
-
-    step, damping = lower(0.0)
-    assert tried == pytest.approx([1.0, 1 / 2, 1 / 11])  # a hundredth or tenth less would hardly be another step
-    assert step == pytest.approx(1 / 11) and damping == 10.0
-    assert way.promised(np.array([step])) == pytest.approx(1 / 11 * (1 - 1 / 22))
-    assert lower(damping)[1] == 1.0  # less, since this one had an equilibrium at once
+    here = reached(free, of_one(1.0), coefficients=np.zeros(1), theta=np.zeros(0))
+    _, step, found = _lower(here, 0.0, _Care(), 5)
+    assert tried == pytest.approx(shares) and step == tried[-1]
+    assert asdict(found) == pytest.approx(asdict(care))
+    _, step, found = _lower(here, 0.0, found, 5)
+    assert step == tried[-2] and asdict(found) == pytest.approx(asdict(less))  # this one was possible at once
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: -trial.coefficients[0])
-    assert lower(0.0) == pytest.approx((1.0, 0.0))  # Newton's own step, as long as there always is one
+    assert _lower(here, 0.0, _Care(), 5)[1:] == (1.0, _Care())  # Newton's own step, as long as there always is one
 
 
 def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
@@ -210,7 +213,7 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
     way = of_one(-1.5)
     here = reached(problem, way, coefficients=np.zeros(0), theta=np.array([1.0]))
-    (state, _), _, damping = _lower(here, 1.0, 0.0, 5)
-    assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and damping == 1.0
+    (state, _), _, care = _lower(here, 1.0, _Care(), 5)
+    assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and care == _Care(damping=1.0)
     assert problem.turned(np.array([-0.1]), np.array([0.1]))
     assert not problem.turned(np.array([-0.2]), np.array([-0.1]))  # what began there may stay

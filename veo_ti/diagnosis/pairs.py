@@ -16,6 +16,7 @@ from veo_ti.diagnosis.verdict import (
     CHANCE,
     CLEAN,
     EXPLAINED,
+    LITTLE,
     MISFIT,
     TOGETHER,
     Candidate,
@@ -189,8 +190,9 @@ def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
     The first one has to be worth as much beside the second. Where some cause explains nearly all alone, testable or
     not, two may be its image, and have to explain nearly all that it leaves, or most of it and all but our own error.
     """
-    adds = second.able and second.certain and _borne_out(second.refit.apart()[0]) > BETTER
     left = 1 - explained_by((first, second))
+    adds = second.able and second.certain and _borne_out(second.refit.apart()[0]) > BETTER
+    adds &= second.testable or left < LITTLE
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
     if least is None:
         return adds and stands((first, second))
@@ -206,7 +208,8 @@ def _borne_out(part: Refit) -> float:
 def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
     """The best pair, then others that are nearly as good; all are compared at the noise that the best of them left.
 
-    What a refit that did not end only promises counts for a rival, not for the best.
+    What a refit that did not end only promises counts for a rival, not for the best. What goes on like noise that
+    neighbours share is nothing: no further look follows.
     """
     if not pairs:
         return []
@@ -222,6 +225,6 @@ def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
 
     whole, near = joint(best), {best.names: best}
     for p in others:
-        if rivals(whole, [joint(p)]):
+        if rivals(whole, [joint(p)], wide=True):
             near.setdefault(p.names, p)
     return list(near.values())

@@ -1,6 +1,6 @@
 """A cause fitted for real: its parameters, the material and the discretisation together, by nonlinear solves."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import Solved, solved
-from veo_ti.diagnosis.way import LEAST, SHARE, Reached, cost_of
+from veo_ti.diagnosis.way import LEAST, SHARE, Reached, Way, cost_of
 
 _STEPS = 12
 _ROUGH = 1e-2  # share of the cost, a predicted gain below which a rough fit is done
@@ -20,9 +20,9 @@ _STALLED = 0.5  # of that, less than which a step may not bring with fresh finge
 _SLOW, _CREEPING = 0.01, 3  # of the cost, that a step may bring at least; and times less, after which the fit ends;
 _ROUGHLY_SLOW = 0.03  # of a rough one
 _CAUTION = 1.5  # largest change of log mu in one step
-_DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times; and
-_FAR = 1.0  # after a step to no equilibrium, which takes long to find out: less is hardly shorter
-_TRIES = 5  # of a step, ever more damped; and
+_DAMPED, _MORE = 1e-2, 10.0  # of the curvature, less than which is none; and times
+_SHORTER = 0.3  # of a step that leads to no equilibrium
+_TRIES = 5  # of a step, ever more damped or shorter; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
@@ -49,9 +49,9 @@ def refit(
     shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until
     it costs less than none. since (d,): theta before a move from another place, to which theta and shift belong; it
     is made unless it leads to no equilibrium. History (viscous strain, damage, set) belongs to the motion that it
-    leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost or leads to no
-    equilibrium is damped, what the data determine least most (Levenberg & Marquardt). The fingerprints serve
-    several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
+    leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost is damped, what the
+    data determine least most (Levenberg & Marquardt), and one that leads to no equilibrium shortened. The fingerprints
+    serve several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
     next to an instability, ends unconverged, though not by old ones. rough: to a hundredth of the cost. most: of the
     cost, known to be had elsewhere; given up where not even a quarter more than the whole way promises leads there.
     onward: a fit of the same that ended where this one starts, whose fingerprints serve again where they are of the
@@ -66,13 +66,13 @@ def refit(
     state, cost = _best_start(problem, scene, start, theta, shift, since)
     fresh = onward is None or not onward.serves(scene)
     end = Reached.of(problem, state) if fresh else Reached.onward(problem, state, onward)
-    damping, slow = 0.0, 0
+    care, slow = _Care(), 0
     for made in range(_STEPS + 1):
         way, least = end.way, max(LEAST, (_ROUGH if rough else SHARE) * cost)
         hopeless = fresh and cost - _PROMISED * way.gain > most
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or hopeless:
             break
-        smaller, step, damping = _lower(end, cost, damping, _TRIES if fresh else _TRIES_WITH_OLD)
+        smaller, step, care = _lower(end, cost, care, _TRIES if fresh else _TRIES_WITH_OLD)
         if smaller is not None and fresh:
             smaller = _shortened(end, cost, step, smaller)
         brought = 0.0 if smaller is None else cost - smaller[1]
@@ -115,24 +115,47 @@ def _best_start(
     return state, cost
 
 
-def _lower(
-    end: Reached, cost: float, damping: float, tries: int
-) -> tuple[tuple[Solved, float] | None, np.ndarray, float]:
-    """Where the least damped of a few steps that lowers the cost leads, or None; the step; the damping to begin with
-    next.
+@dataclass(frozen=True, kw_only=True)
+class _Care:
+    """How a step is held back: by damping, and to a share of what is left of it."""
 
-    That is the same where less was too little, else less. A step that leads to no equilibrium is slow to find out: the
-    next one is clearly shorter.
-    """
+    damping: float = 0.0
+    share: float = 1.0
+
+    def step(self, way: Way) -> np.ndarray:
+        """So much of the way."""
+        return self.share * way.damped(self.damping, _CAUTION)
+
+    @property
+    def shorter(self) -> "_Care":
+        """After a step to no equilibrium. Damping would first hold back what the data determine least, as what a cause
+        does together with the material."""
+        return replace(self, share=_SHORTER * self.share)
+
+    @property
+    def damped(self) -> "_Care":
+        """More, after a step that raised the cost."""
+        return replace(self, damping=max(_DAMPED, _MORE * self.damping))
+
+    @property
+    def less(self) -> "_Care":
+        """Since a step brought something."""
+        damping = self.damping / _MORE if self.damping >= _MORE * _DAMPED else 0.0
+        return _Care(damping=damping, share=min(1.0, self.share / _SHORTER))
+
+
+def _lower(
+    end: Reached, cost: float, care: _Care, tries: int
+) -> tuple[tuple[Solved, float] | None, np.ndarray, _Care]:  # fmt: skip
+    """Where the first of a few ever more careful steps that lowers the cost leads, or None; the step; how careful to
+    begin with next: as much where less was too little."""
     for k in range(tries):
-        step = end.way.damped(damping, _CAUTION)
+        step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
         if lower < cost:
-            less = damping / _MORE if damping >= _MORE * _DAMPED else 0.0
-            return (trial, lower), step, damping if k else less
-        least = _FAR if trial is not None and lower == np.inf else _DAMPED
-        damping = max(least, _MORE * damping)
-    return None, step, damping
+            return (trial, lower), step, care if k else care.less
+        care = care.shorter if trial is not None and lower == np.inf else care.damped
+    return None, step, care
 
 
 def _shortened(end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]) -> tuple[Solved, float]:

@@ -80,7 +80,7 @@ def look(
         return replace(quiet, verdict=nothing(even=True))
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
     leaders, others = leaders_of(scores, keep)
-    if current.cause is None:
+    if not shadow:
         leaders += as_likely(scores, leaders, keep)
     rough = _ROUGHLY * counted(taken.scene, noise, modes)
     known = Refitted(least=max(least, rough), rough=rough)
