@@ -177,12 +177,13 @@ def test_each_of_a_pair_is_worth_its_name(single, first_sd, holds):
     joint = SimpleNamespace(theta=np.array([1.0]), sd=np.array([first_sd]))
     first, second = candidate("a", 0.9), candidate("b", 0.93, apart=lambda: (joint, None))
     alone = SimpleNamespace(candidates=[candidate("c", single)])
-    assert pairs._holds(first, second, alone) == holds
-    assert not pairs._holds(first, replace(second, certain=False), alone)
+    both = pairs._Pair(first=first, second=second, found=None, model=None)
+    assert (pairs._explain(first, second, alone) and both.needs_both) == holds
+    assert not pairs._explain(first, replace(second, certain=False), alone)
     imitated = replace(second, testable=False)  # by another material: more has to be explained
-    assert pairs._holds(first, imitated, alone) == holds
+    assert pairs._explain(first, imitated, alone) == pairs._explain(first, second, alone)
     for one in (replace(second, explained=0.75), replace(imitated, explained=0.75)):
-        assert pairs._holds(first, one, SimpleNamespace(candidates=[])) == (one.testable and first_sd < 0.5)
+        assert pairs._explain(first, one, SimpleNamespace(candidates=[])) == one.testable
 
 
 def test_what_all_pairs_have_in_common_is_named_and_the_rest_is_ambiguous(filmed, model):  # noqa: F811

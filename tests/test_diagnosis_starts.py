@@ -24,7 +24,8 @@ def test_a_cause_is_looked_for_beside_the_second_one_of_the_best_pair_too(monkey
         return replace(alone, candidates=seconds[current.cause.name], tried=Refitted(least=2.0))
 
     monkeypatch.setattr(pairs, "look", look)
-    monkeypatch.setattr(pairs, "_holds", lambda *given: True)
+    monkeypatch.setattr(pairs, "_explain", lambda *given: True)
+    monkeypatch.setattr(pairs._Pair, "needs_both", True)
     monkeypatch.setattr(pairs._Pair, "alone", lambda self, known, say: [])
     said = pairs.two_at_once(alone, lambda c: (LASTING, 1.0), None, [b], str, None)
     assert asked == [("a", np.inf), ("x", 2.0), ("b", 2.0)]  # each told what the pairs so far leave

@@ -49,9 +49,15 @@ class _Pair:
         """Log evidence of both at a variance of the noise [m2]."""
         return self.second.refit.tuned(self.model, s2).evidence(s2)
 
+    @property
+    def needs_both(self) -> bool:
+        """Whether the first one is worth as much beside the second as the second has to be beside it."""
+        return _borne_out(self.second.refit.apart()[0]) > BETTER
+
     def alone(self, known: Sequence[Candidate], say: Progress) -> list[Refit]:
         """Either one refitted alone where it is beside the other, if it was not at that place and might do without."""
-        there, places = replace(self.model, s2=self.found.s2), {c.name: c.refit.place for c in known}
+        there = replace(self.model, s2=self.found.s2)
+        places = {c.name: c.refit.place for c in known if c.settled}
         parts, found = self.second.refit.apart(), []
         for own, other in (parts, parts[::-1]):
             cause, place = own.cause, own.place
@@ -107,11 +113,11 @@ def two_at_once(
         others = [c for c in causes if c.name != start.name]
         least = min((p.found.tried.least for p in pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
-        for second in (c for c in found.candidates if _holds(start, c, alone)):
+        for second in (c for c in found.candidates if _explain(start, c, alone)):
             pair = _Pair(first=start, second=second, found=found, model=model)
             own = pair.alone(alone.candidates, say)
             lone.extend(own)
-            if all(pair.worth(found.s2) - one.evidence(found.s2) > BETTER for one in own):
+            if pair.needs_both and all(pair.worth(found.s2) - one.evidence(found.s2) > BETTER for one in own):
                 pairs.append(pair)
 
     starts = able[: _MOST if causes else 0]
@@ -122,7 +128,7 @@ def two_at_once(
     for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(pairs)}]:
         beside(partner)
     single = again(lone) if lone else alone
-    pairs = [p for p in pairs if _holds(p.first, p.second, single)]
+    pairs = [p for p in pairs if _explain(p.first, p.second, single)]
     enough = single.verdict.kind == "named" and stands(single.verdict.causes)
     if enough and (not pairs or single.verdict.causes[0].misfit.z < MISFIT):
         return (single,)
@@ -184,15 +190,14 @@ def _each_of(
     return one, other
 
 
-def _holds(first: Candidate, second: Candidate, alone: Round) -> bool:
-    """Whether a pair counts: each adds to the other, the second one is not absent, and what is wrong is explained.
+def _explain(first: Candidate, second: Candidate, alone: Round) -> bool:
+    """Whether two explain what is wrong, and the second one adds to the first and is not absent.
 
-    The first one has to be worth as much beside the second. Where some cause explains nearly all alone, testable or
-    not, two may be its image, and have to explain nearly all that it leaves, or most of it and all but our own error.
+    Where some cause explains nearly all alone, testable or not, two may be its image, and have to explain nearly all
+    that it leaves, or most of it and all but our own error.
     """
     left = 1 - explained_by((first, second))
-    adds = second.able and second.certain and _borne_out(second.refit.apart()[0]) > BETTER
-    adds &= second.testable or left < LITTLE
+    adds = second.able and second.certain and (second.testable or left < LITTLE)
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
     if least is None:
         return adds and stands((first, second))
