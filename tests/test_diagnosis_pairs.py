@@ -156,6 +156,9 @@ def test_a_pair_is_alone_only_where_no_other_comes_near():
     unsure = pair("a", "b", 200, short=90)
     assert pairs._near([unsure, far]) == [unsure, far]
     assert pairs._near([best, pair("a", "c", 190, leaves=0.02)]) == [best]  # it leaves what the best one explains
+    better, worse = pair("a", "c", 201, leaves=0.003), pair("a", "c", 199, leaves=0.003)
+    assert pairs._near([best], [better]) == [best, better]  # which explains too little, but is likelier
+    assert pairs._near([best], [worse]) == pairs._near([best], [replace(better, second=far.second)]) == [best]
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,7 @@ def two_at_once(
     able = sorted(able, key=lambda c: -c.explained)
     able = [c for c in able if c.explained > min(EXPLAINED, able[0].explained - _ALIKE)]
     pairs: list[_Pair] = []
+    poorer: list[_Pair] = []
     lone: list[Refit] = []
 
     def beside(start: Candidate) -> None:
@@ -113,8 +114,11 @@ def two_at_once(
         others = [c for c in causes if c.name != start.name]
         least = min((p.found.tried.least for p in pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
-        for second in (c for c in found.candidates if _explain(start, c, alone)):
+        for second in (c for c in found.candidates if c.able):
             pair = _Pair(first=start, second=second, found=found, model=model)
+            if not _explain(start, second, alone):
+                poorer.append(pair)
+                continue
             own = pair.alone(alone.candidates, say)
             lone.extend(own)
             if pair.needs_both and all(pair.worth(found.s2) - one.evidence(found.s2) > BETTER for one in own):
@@ -132,7 +136,7 @@ def two_at_once(
     enough = single.verdict.kind == "named" and stands(single.verdict.causes)
     if enough and (not pairs or single.verdict.causes[0].misfit.z < MISFIT):
         return (single,)
-    near = _near(pairs)
+    near = _near(pairs, poorer)
     if not near or not near[0].second.settled:
         return None
     best = near[0] if len(near) == 1 else _lawful(near)
@@ -210,16 +214,17 @@ def _borne_out(part: Refit) -> float:
     return float(np.max((part.theta / np.maximum(part.sd, 1e-300)) ** 2)) / 2
 
 
-def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
+def _near(pairs: Sequence[_Pair], poorer: Sequence[_Pair] = ()) -> list[_Pair]:
     """The best pair, then others that are nearly as good; all are compared at the noise that the best of them left.
 
     What a refit that did not end only promises counts for a rival, not for the best. What goes on like noise that
-    neighbours share is nothing: no further look follows.
+    neighbours share is nothing: no further look follows. poorer: pairs that explain too little to be named, which
+    stand beside the best nevertheless where more evidence speaks for them.
     """
     if not pairs:
         return []
     s2 = min(p.found.s2 for p in pairs)
-    worth = {id(p): p.worth(s2) for p in pairs}
+    worth = {id(p): p.worth(s2) for p in (*pairs, *poorer)}
     best, *others = sorted(pairs, key=lambda p: p.second.promised - worth[id(p)])
     gained = best.first.gained + best.second.gained
 
@@ -229,7 +234,7 @@ def _near(pairs: Sequence[_Pair]) -> list[_Pair]:
         return replace(p.second, gained=gained + more, explained=explained_by((p.first, p.second)))
 
     whole, near = joint(best), {best.names: best}
-    for p in others:
+    for p in (*others, *(p for p in poorer if worth[id(p)] > worth[id(best)])):
         if rivals(whole, [joint(p)], wide=True):
             near.setdefault(p.names, p)
     return list(near.values())
