@@ -83,6 +83,23 @@ class _Pair:
         return own.chance(others - self.names, left, own.refit.worth)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """What was found beside some starts."""
+
+    pairs: tuple[_Pair, ...] = ()
+    poorer: tuple[_Pair, ...] = ()  # that explain too little
+    lone: tuple[Refit, ...] = ()  # one of two, refitted alone where it is beside the other
+
+    def with_pair(self, pair: _Pair, alone: Round, say: Progress) -> "_Seen":
+        """And another one, unless the first is worth too little in it, or either of the two does as well alone."""
+        if not _explain(pair.first, pair.second, alone):
+            return replace(self, poorer=(*self.poorer, pair))
+        own, s2 = pair.alone(alone.candidates, say), pair.found.s2
+        both = pair.needs_both and all(pair.worth(s2) - one.evidence(s2) > BETTER for one in own)
+        return replace(self, pairs=(*self.pairs, pair) if both else self.pairs, lone=(*self.lone, *own))
+
+
 def two_at_once(
     alone: Round, narrower: Callable[[Refit], tuple[Model, float]], modes: np.ndarray, causes: Sequence[Cause],
     say: Progress, again: Callable[[Sequence[Refit]], Round], *, but: str = "",
@@ -102,41 +119,32 @@ def two_at_once(
     able = [c for c in alone.candidates if c.able and c.testable and c.explained > _SOME and c.name != but]
     able = sorted(able, key=lambda c: -c.explained)
     able = [c for c in able if c.explained > min(EXPLAINED, able[0].explained - _ALIKE)]
-    pairs: list[_Pair] = []
-    poorer: list[_Pair] = []
-    lone: list[Refit] = []
 
-    def beside(start: Candidate) -> None:
+    def beside(seen: _Seen, start: Candidate) -> _Seen:
         model, floor = narrower(start.refit)
         if model.effort.over:
-            return
+            return seen
         say(f"two at once, {start.name} and another")
         others = [c for c in causes if c.name != start.name]
-        least = min((p.found.tried.least for p in pairs), default=np.inf)
+        least = min((p.found.tried.least for p in seen.pairs), default=np.inf)
         found = look(start.refit, model, floor, modes, others, say, shadow=stands([start]), least=least)
         for second in (c for c in found.candidates if c.able):
-            pair = _Pair(first=start, second=second, found=found, model=model)
-            if not _explain(start, second, alone):
-                poorer.append(pair)
-                continue
-            own = pair.alone(alone.candidates, say)
-            lone.extend(own)
-            if pair.needs_both and all(pair.worth(found.s2) - one.evidence(found.s2) > BETTER for one in own):
-                pairs.append(pair)
+            seen = seen.with_pair(_Pair(first=start, second=second, found=found, model=model), alone, say)
+        return seen
 
-    starts = able[: _MOST if causes else 0]
+    starts, seen = able[: _MOST if causes else 0], _Seen()
     starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
     for n, start in enumerate(starts):
-        if n < _STARTS or pairs or lone:
-            beside(start)
-    for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(pairs)}]:
-        beside(partner)
-    single = again(lone) if lone else alone
-    pairs = [p for p in pairs if _explain(p.first, p.second, single)]
+        if n < _STARTS or seen.pairs or seen.lone:
+            seen = beside(seen, start)
+    for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(seen.pairs)}]:
+        seen = beside(seen, partner)
+    single = again(seen.lone) if seen.lone else alone
+    pairs = [p for p in seen.pairs if _explain(p.first, p.second, single)]
     enough = single.verdict.kind == "named" and stands(single.verdict.causes)
     if enough and (not pairs or single.verdict.causes[0].misfit.z < MISFIT):
         return (single,)
-    near = _near(pairs, poorer)
+    near = _near(pairs, seen.poorer)
     if not near or not near[0].second.settled:
         return None
     best = near[0] if len(near) == 1 else _lawful(near)
