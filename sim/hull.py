@@ -41,9 +41,7 @@ class Hull:
         Zero inside, summing to zero, with `sum_i x_i (x) area_i = volume * identity`: the divergence theorem.
         """
         a, b, c = (x[self.faces[:, n]] for n in range(3))
-        third = np.repeat(np.cross(b - a, c - a) / 6, 3, axis=0)
-        columns = [np.bincount(self.faces.ravel(), third[:, n], minlength=len(x)) for n in range(3)]
-        return np.stack(columns, axis=1)
+        return self._summed(np.repeat(np.cross(b - a, c - a) / 6, 3, axis=0), len(x))
 
     def normals(self, x: np.ndarray) -> np.ndarray:
         """Outward unit normals (N, 3) at positions x (N, 3) [m]; zero inside.
@@ -53,10 +51,13 @@ class Hull:
         """
         corners = x[self.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        own = (_nearest_parts(corners)[..., None] * normal[:, None]).reshape(-1, 3)
-        out = np.stack([np.bincount(self.faces.ravel(), own[:, n], minlength=len(x)) for n in range(3)], axis=1)
+        out = self._summed((_nearest_parts(corners)[..., None] * normal[:, None]).reshape(-1, 3), len(x))
         size = np.linalg.norm(out, axis=1, keepdims=True)
         return np.divide(out, size, out=np.zeros_like(out), where=size > _NOTHING * size.max(initial=0.0))
+
+    def _summed(self, shares: np.ndarray, count: int) -> np.ndarray:
+        """What the faces' corners (3 B, 3) bring to each of so many points, (count, 3)."""
+        return np.stack([np.bincount(self.faces.ravel(), shares[:, n], minlength=count) for n in range(3)], axis=1)
 
     def surface(self, count: int) -> np.ndarray:
         """The points on the boundary, or in no tetrahedron, (count,) bool."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnosis_experiment import baseline, model, scene  # noqa: F401
+from test_diagnosis_experiment import model, scene  # noqa: F401
 from test_diagnosis_pairs import FORCE, LASTING, SCALE, both, filmed, pair, place, unexplained_by  # noqa: F401
 
 from veo_ti.diagnosis import pairs

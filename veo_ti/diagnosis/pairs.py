@@ -203,18 +203,18 @@ def _each_of(
 
 
 def _explain(first: Candidate, second: Candidate, alone: Round) -> bool:
-    """Whether two explain what is wrong, and the second one adds to the first and is not absent.
+    """Whether two explain what is wrong, and the second one, which is able, is not absent.
 
     Where some cause explains nearly all alone, testable or not, two may be its image, and have to explain nearly all
     that it leaves, or most of it and all but our own error.
     """
     left = 1 - explained_by((first, second))
-    adds = second.able and second.certain and (second.testable or left < LITTLE)
+    there = second.certain and (second.testable or left < LITTLE)
     least = min((1 - c.explained for c in alone.candidates if c.plausible and stands([c])), default=None)
     if least is None:
-        return adds and stands((first, second))
+        return there and stands((first, second))
     little = (1 - TOGETHER) * least
-    return adds and left <= max(little, min(2 * little, OURS**2))
+    return there and left <= max(little, min(2 * little, OURS**2))
 
 
 def _borne_out(part: Refit) -> float:
