@@ -86,15 +86,16 @@ class Vibrations:
         p = self.coordinates(displacement)
         return relax(self.omega**2 / drag, p, time, smooth=smooth) - p if drag > 0 else np.zeros_like(p)
 
-    def tuning(self, elastic: Elastic, change: np.ndarray) -> np.ndarray:
-        """d omega (K,) [rad/s] under a small change of the elastic parameters (N, P), to first order.
+    def stiffness(self, elastic: Elastic, change: np.ndarray) -> np.ndarray:
+        """`phi_k^T dK phi_l`, (K, K) [s^-2], under a small change of the elastic parameters (N, P), to first order.
 
-        `2 omega d omega = phi^T dK phi`, with dK phi the gradient's slope along phi at rest.
+        dK phi is the gradient's slope along phi at rest. On the diagonal it is `2 omega d omega`; the others say how
+        much of each mode joins another one.
         """
         step = _SLIGHT * elastic.cloud.spacing / np.abs(self.shapes).max()
         softer = elastic.with_parameters(change)
         ahead, behind = (softer.gradient(elastic.cloud.x + s * step * self.shapes) for s in (1, -1))
-        return (self.shapes * (ahead - behind)).sum(axis=(1, 2)) / (4 * step * self.omega)
+        return np.einsum("kna,lna->kl", self.shapes, ahead - behind, optimize=True) / (2 * step)
 
 
 def finer(p: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

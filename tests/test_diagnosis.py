@@ -19,10 +19,11 @@ from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.noise import evenness, measure_noise
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.score import Misfit, Statistics
+from veo_ti.diagnosis.score import Statistics
 from veo_ti.observation import Observation
 from veo_ti.scene import cloud_of, energy_of, target_of
 
@@ -119,8 +120,10 @@ def fingerprint_is_the_slope(cause, place, scene, basis):
 
 @pytest.mark.parametrize(("cause", "size"), [(Inertia(), 1.0), (Damping(), 1.0)], ids=lambda v: getattr(v, "name", ""))
 def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(cause, size, scene, basis):
-    """Against another solve with a slightly other stiffness field, shown as the lagging object would be."""
-    frames, step = np.flatnonzero(scene.train), 2e-3 * np.eye(basis.log_mu.shape[1])[2]
+    """Against another solve with a slightly other stiffness field, shown as the lagging object would be, on the frames
+    that train; those between them, which do not, lag as well."""
+    scene = replace(scene, train=np.arange(FRAMES) % 3 != 1)
+    frames, step = np.arange(FRAMES), 2e-3 * np.eye(basis.log_mu.shape[1])[2]
 
     def solved(a: np.ndarray) -> Scene:
         lame = basis.lame(a)
@@ -136,8 +139,8 @@ def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(ca
     plain = moments(here, basis, 0 * step, (), (), keep=True)
     column, without = (np.stack([X[2] for X in m.kept.columns]) for m in (found, plain))
     expected = np.stack([slope[t, scene.target.seen[t]].ravel() for t in found.kept.frames])
-    # The shapes of the vibrations are taken as fixed, which is worth 2 to 3 % here.
-    assert np.abs(column - expected).max() < 0.05 * np.abs(expected).max()
+    # The lowest vibrations are taken to join each other only, no higher ones, which is worth 2 % here.
+    assert np.abs(column - expected).max() < 0.03 * np.abs(expected).max()
     assert np.abs(without - expected).max() > 0.1 * np.abs(expected).max()
 
 

@@ -51,8 +51,24 @@ def test_at_most_three_wait():
 def test_all_could_be_next_that_promise_enough_and_were_not_tried():
     every = [*scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg"), ("h", 20, 1), ("i", 50, 0.04)),
              *scores(("j", 50, 1), explained=0.2)]  # fmt: skip
-    assert names(waiting(every, 0.05, ["a", "c"])) == "bdefg"
-    assert not waiting([], 0.05, [])
+    statistics = SimpleNamespace(together=lambda one, other, noise: 1.0)
+    assert names(waiting(statistics, None, every, 0.05, ["a", "c"])) == "bdefg"
+    assert not waiting(statistics, None, [], 0.05, [])
+
+
+@pytest.mark.parametrize(("both", "found"), [(0.6, "bc"), (0.5, "b")])
+def test_two_that_hide_each_other_wait_where_they_promise_far_more_together(both, found):
+    """`c` and `d` promise too little alone; one that the nuisances imitate is not asked."""
+    hidden = scores(("c", 9, 1), ("d", 8, 1), ("e", 9, 0.01), explained=0.1)
+    every = [*scores(("a", 100, 1), ("b", 50, 1), explained=0.3), *hidden]
+    asked = []
+
+    def together(one, other, noise):
+        asked.append((one.name + other.name, noise))
+        return both if one.name + other.name == "cd" else 0.35
+
+    assert names(waiting(SimpleNamespace(together=together), "noise", every, 0.05, ["a", "d"])) == found
+    assert asked == [(pair, "noise") for pair in ("ab", "ac", "ad", "bc", "bd", "cd")]
 
 
 def test_what_can_do_most_of_what_the_best_one_does_is_refitted_too():

@@ -12,8 +12,8 @@ from veo_ti.diagnosis import pairs
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.refit import refit
-from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import named
 
 

@@ -17,11 +17,11 @@ from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
 from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.columns import directions_of
 from veo_ti.diagnosis.effort import Effort
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.moments import Along, moments
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import Round, look, statistics_of, with_more
-from veo_ti.diagnosis.score import Misfit
 from veo_ti.diagnosis.verdict import Candidate, unexplained
 
 FORCE, SCALE = np.array([0.0, 4e-4, 2e-4]), np.array([0.02, 0.0, 3e-3, 0.0])

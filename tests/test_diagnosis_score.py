@@ -1,5 +1,6 @@
 """The scores' statistics against dense algebra."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -74,3 +75,28 @@ def test_a_cause_is_unlike_another_by_what_that_leaves_of_it_in_all_directions(m
     assert sines[1] == pytest.approx(0.0, abs=1e-5)
     alone = statistics.unlike(own, np.array([[3]]), np.array([1.0]))
     assert alone == pytest.approx(np.sqrt(missed(white[:, 3:4], white[:, 5:])[0]))
+
+
+def test_two_together_take_what_both_most_probably_do_at_once():
+    """Against least squares under the prior on dense columns, and what that leaves in modes that see all."""
+    random = np.random.default_rng(2)
+    columns, modes = random.normal(size=(4, 40)), random.normal(size=(60, 40))
+    z = columns.T @ np.array([0.3, 2.0, -1.0, 4.0]) + 0.1 * random.normal(size=40)
+    X = np.concatenate([columns, modes])
+    normal = Normal(A=X @ X.T, b=X @ z, c=float(z @ z), count=40)
+    kept = Fingerprints(frames=np.zeros(0, int), columns=())
+    s2, prior, widths = 0.5, np.array([2.0]), np.array([1.0, 1.0, 3.0])
+    statistics = Statistics(moments=Moments(normal=normal, nuisances=1, modes=60, kept=kept), s2=s2, prior=prior)
+    precision = columns @ columns.T / s2 + np.diag(1 / np.append(prior, widths**2))
+    theta = np.linalg.solve(precision, columns @ z / s2)[1:]
+
+    def excess(left: np.ndarray) -> float:
+        taken = np.linalg.inv(0.01 * np.eye(40) + prior * np.outer(columns[0], columns[0]))
+        u, C = modes @ taken @ left, modes @ taken @ modes.T
+        return u @ u - np.trace(C)
+
+    one = SimpleNamespace(columns=np.array([1, 2]), widths=widths[:2])
+    other = SimpleNamespace(columns=np.array([3]), widths=widths[2:])
+    expected = 1 - excess(z - columns[1:].T @ theta) / excess(z)
+    assert statistics.together(one, other, replace(statistics, s2=0.01)) == pytest.approx(expected)
+    assert 0.5 < expected < 1

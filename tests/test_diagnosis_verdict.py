@@ -9,7 +9,7 @@ import pytest
 from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.causes.surroundings import HiddenContact
 from veo_ti.diagnosis.fitted import Refit
-from veo_ti.diagnosis.score import Misfit
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.sentence import size
 from veo_ti.diagnosis.verdict import Candidate, judge, stands, sufficient
 from veo_ti.diagnosis.visible import Left
@@ -44,6 +44,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 9000, 0.999, z=1), found("b", 8800, 0.99, z=7)], "named", ["a"]),  # a leaves noise: nats count
         ([found("a", 9000, 0.999, z=1), found("b", 8980, 0.999, z=0)], "ambiguous", ["a", "b"]),  # not to that digit
         ([found("a", 9000, 0.95, z=30), found("b", 8900, 0.94, z=35)], "ambiguous", ["a", "b"]),  # neither is clean
+        ([found("a", 48301, 0.9999, z=11), found("b", 47244, 0.9991, z=95)], "named", ["a"]),  # a leaves hardly any
+        ([found("a", 48301, 0.999, z=11), found("b", 47244, 0.9991, z=95)], "ambiguous", ["a", "b"]),  # a leaves more
         ([found("a", 100, 0.98, z=9), found("b", 96, 0.80, z=30)], "named", ["a"]),  # what b leaves tells
         ([found("a", 3.277e6, 1.0, z=0), found("b", 3.2768e6, 0.9998, z=27)], "ambiguous", ["a", "b"]),  # seed 2906: no
         ([found("a", 3.277e6, 1.0, z=0), found("b", 3.26e6, 0.995, z=1000)], "named", ["a"]),  # more than our own error

@@ -9,6 +9,7 @@ import sim_cases
 from scipy.integrate import solve_ivp
 
 from sim.cloud import RestCloud
+from sim.direct import Layout
 from sim.dynamics import simulate
 from sim.elastic import Elastic
 from sim.energy import Energy
@@ -131,8 +132,8 @@ def box() -> tuple[Energy, np.ndarray]:
     return energy, 0.05 * cloud.volume / cloud.volume.sum()
 
 
-def test_tuning_is_the_slope_of_every_frequency(box):
-    """A bar that stiffens towards one end, so that modes are tuned by different amounts."""
+def test_stiffness_of_a_change_tunes_every_frequency_and_joins_the_modes(box):
+    """A bar that stiffens towards one end: against the frequencies of stiffer bars, and its own Hessian at rest."""
     energy, mass = box
     change = energy.elastic.m * (0.5 + energy.elastic.cloud.x[:, :1])
     step = 1e-4
@@ -140,5 +141,14 @@ def test_tuning_is_the_slope_of_every_frequency(box):
         Vibrations.of(replace(energy, elastic=energy.elastic.with_parameters(energy.elastic.m + s * change)), mass, 6)
         for s in (step, -step)
     )
-    found = Vibrations.of(energy, mass, 6).tuning(energy.elastic, change)
-    assert found == pytest.approx((ahead.omega - behind.omega) / (2 * step), rel=1e-4)
+    modes = Vibrations.of(energy, mass, 6)
+    found = modes.stiffness(energy.elastic, change)
+    assert np.diagonal(found) == pytest.approx(modes.omega * (ahead.omega - behind.omega) / step, rel=1e-4)
+
+    changed = replace(energy, elastic=energy.elastic.with_parameters(change))
+    blocks = changed.tangent(energy.elastic.cloud.x[None]).assembled(slice(0, 1))[0]
+    hessian, shapes = Layout.of(energy.elastic).matrix(blocks), modes.shapes.reshape(6, -1)
+    expected = shapes @ (hessian @ shapes.T)
+    assert np.abs(expected - np.diag(np.diagonal(expected))).max() > 0.01 * np.abs(expected).max()
+    assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
+

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -11,9 +12,11 @@ from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and
+_CLEARLY = 20.0  # likewise, where it promises next to nothing
 _PROMISING = 0.25  # share of the misfit, to first order; docs/diagnosis.md says how much more refits explain
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
+_HIDDEN = 0.25  # share of the misfit that two promise together beyond what any does, to be refitted for that; and
 _AS_MUCH = 0.8  # share of the best score that one must reach which the nuisances imitate
 _ALIKE = 0.7  # share of what the best one does, to first order, that a cause can do to be worth one as well
 _BEHIND = 2.5  # times the cost of another fit, more than which one is given up that does not promise less
@@ -30,10 +33,25 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     return first, others[:_COUNT]
 
 
-def waiting(scores: Sequence[Score], keep: float, tried: Collection[str]) -> list[Score]:
-    """All others that could be next, however many."""
-    able = [s for s in _spoken_for(scores, keep) if s.explained > _PROMISING]
-    return [s for s in able if s.name not in tried and s.log_bayes >= _FURTHER * able[0].log_bayes]
+def waiting(
+    statistics: Statistics, noise: Statistics, scores: Sequence[Score], keep: float, tried: Collection[str]
+) -> list[Score]:
+    """All others that could be next, however many, and the two that promise most together, if that is far more than
+    any does alone: they may hide each other. noise: the statistics at the variance of the noise."""
+    spoken = _spoken_for(scores, keep)
+    able = [s for s in spoken if s.explained > _PROMISING]
+    others = [s for s in able if s.log_bayes >= _FURTHER * able[0].log_bayes]
+    pairs = [(statistics.together(*two, noise), two) for two in combinations(spoken, 2)]
+    most, both = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))
+    if both and most > _HIDDEN + max(s.explained for s in spoken):
+        others += [s for s in both if s not in others]
+    return [s for s in others if s.name not in tried]
+
+
+def likeliest(scores: Sequence[Score], keep: float) -> list[Score]:
+    """The one for which most speaks, however little it promises to first order: beside a cause that takes up what is
+    its own, that says nothing."""
+    return [s for s in _spoken_for(scores, keep)[:1] if s.log_bayes > _CLEARLY]
 
 
 def as_likely(scores: Sequence[Score], leaders: Sequence[Score], keep: float) -> list[Score]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,7 @@ def moments(
     scene: Scene,
     basis: Basis,
     a: np.ndarray,
-    extra: Sequence[Known],
+    extra: Sequence[Known | Direction],
     directions: Sequence[Direction],
     *,
     along: Along = Along(),
@@ -116,11 +117,11 @@ def moments(
     motions: list[np.ndarray] = []
     m = scene.energy.elastic.m
     ways = basis.directions(Lame(mu=m[:, 0], lam=m[:, 1]))
-    solved = answered(scene, partial(_all_forces, scene, ways, along.companion, pushing), frames, along.remembered)
-    solved = _noted(solved, motions) if keep else solved
+    forces_of = partial(_all_forces, scene, ways, along.companion, pushing)
+    solved = answered_as_shown(scene, forces_of, frames, along, ways, motions if keep else None)
 
     def columns() -> Iterator[_Frame]:
-        for n, S in enumerate(solved if along.carried is None else carried(solved, ways, along.carried, frames)):
+        for n, S in enumerate(solved):
             t, index = frames[n], frames[n : n + 1]
             if pushing:
                 S[K:] += np.stack([d.moves(scene, index)[0] for d in pushing])
@@ -137,13 +138,6 @@ def moments(
     )  # fmt: skip
 
 
-def _noted(solved: Iterable[np.ndarray], motions: list[np.ndarray]) -> Iterator[np.ndarray]:
-    """Frame by frame the same, copied before anyone adds to it."""
-    for S in solved:
-        motions.append(S.astype(np.float32))
-        yield S
-
-
 def answered(
     scene: Scene, forces: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]], frames: np.ndarray,
     remembered: Sequence[Past],
@@ -158,6 +152,33 @@ def answered(
     for t, S in enumerate(responses_in_turn(energy, scene.y[every], forces(every), remembered)):
         if t in frames:
             yield S
+
+
+def answered_as_shown(
+    scene: Scene, forces: Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]], frames: np.ndarray, along: Along,
+    ways: np.ndarray, motions: list[np.ndarray] | None = None,
+) -> Iterator[np.ndarray]:
+    """The same as tracking shows them: what lags goes on through frames that were not chosen as well.
+
+    ways (K, N, 2): changes of the material, to which the first motions belong; motions: a list that takes those of the
+    body, whatever tracking makes of them.
+    """
+    every = frames if along.carried is None else np.arange(frames[-1] + 1)
+    solved = answered(scene, forces, every, along.remembered)
+    chosen = np.isin(every, frames)
+    if motions is not None:
+        solved = _noted(solved, motions, chosen)
+    if along.carried is not None:
+        solved = _carried(solved, ways, along.carried, every)
+    yield from compress(solved, chosen)
+
+
+def _noted(solved: Iterable[np.ndarray], motions: list[np.ndarray], chosen: np.ndarray) -> Iterator[np.ndarray]:
+    """Frame by frame the same, copied before anyone adds to it."""
+    for S, wanted in zip(solved, chosen, strict=True):
+        if wanted:
+            motions.append(S.astype(np.float32))
+        yield S
 
 
 def moments_of(
@@ -194,7 +215,7 @@ def _summed(columns: Iterable[_Frame]) -> Normal:
     return Normal(A=A, b=np.concatenate([own[:-1, -1], across[-1]]), c=float(own[-1, -1]), count=count)
 
 
-def carried(solved: Iterable[np.ndarray], ways: np.ndarray, on: Carried, frames: np.ndarray) -> Iterator[np.ndarray]:
+def _carried(solved: Iterable[np.ndarray], ways: np.ndarray, on: Carried, frames: np.ndarray) -> Iterator[np.ndarray]:
     """The motions S (M, N, 3) of every frame as tracking shows them; the first are the material's, ways (K, N, 2)."""
     every, same = np.stack(list(solved)), np.zeros(ways.shape[1:])
     for k in np.flatnonzero(every.any(axis=(0, 2, 3))):

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 
 from sim.evidence import Posterior, posterior
-from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.model import Model, shown_by
-from veo_ti.diagnosis.moments import Fingerprints, answered, carried
-from veo_ti.diagnosis.scene import Scene
+from veo_ti.diagnosis.moments import Along, Fingerprints, answered_as_shown
 
 _WORTH = 3.0  # nats that another place must promise
 
@@ -102,20 +100,12 @@ def _pushed_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarr
         Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
         for place in places[1:]
     ]
-    frames, late = result.kept.frames, cause.carried(scene, theta, result.place)
-    motion = _pushed(scene, ways, frames, cause.remembered(scene, theta, result.place))
-    return motion if late is None else carried(motion, np.zeros((0, scene.cloud.count, 2)), late, frames)
-
-
-def _pushed(
-    scene: Scene, ways: Sequence[Direction], frames: np.ndarray, remembered: Sequence[Past]
-) -> Iterator[np.ndarray]:
-    """The motions (W, N, 3) that directions lead to, frame by frame."""
+    along, materials = Along.with_cause(cause, scene, theta, result.place), np.zeros((0, scene.cloud.count, 2))
 
     def forces_of(chosen: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         return lambda local: np.stack([d.forces(scene, chosen[local]) for d in ways], axis=1)
 
-    return answered(scene, forces_of, frames, remembered)
+    return answered_as_shown(scene, forces_of, result.kept.frames, along, materials)
 
 
 def _explained(

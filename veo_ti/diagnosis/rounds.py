@@ -8,11 +8,12 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.fitted import Refit, everywhere
-from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, look_alikes, refitted, waiting
+from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, likeliest, look_alikes, refitted, waiting
 from veo_ti.diagnosis.looks import Progress
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import counted, measure_noise
-from veo_ti.diagnosis.score import Misfit, Score, scores_of, statistics_of
+from veo_ti.diagnosis.score import Score, Statistics, scores_of, statistics_of
 from veo_ti.diagnosis.verdict import (
     CLEAR,
     EXPLAINED,
@@ -50,6 +51,7 @@ class Round:
     s2: float  # variance [m2] at which the candidates were weighed
     tried: Refitted = field(default_factory=Refitted)
     extended: Refit | None = None
+    statistics: Statistics | None = None  # by which the scores were made
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
 
 
@@ -69,17 +71,19 @@ def look(
     say("fingerprints of all causes")
     statistics, scores = scores_of(current, model, floor, modes, [(c, list(c.places(taken.scene))) for c in causes])
     misfit = replace(statistics, s2=floor).misfit()
-    quiet = Round(misfit=misfit, scores=scores, candidates=(), verdict=nothing(), s2=model.s2)
+    quiet = Round(misfit=misfit, scores=scores, statistics=statistics, candidates=(), verdict=nothing(), s2=model.s2)
     if misfit.z < MISFIT:
         return quiet
     noise = measure_noise(taken.scene, modes)
     left = Left.by(taken, model.s2, noise.local, modes, shadow=shadow)
     if not left.visible:
         return quiet
-    if left.like_noise:
-        return replace(quiet, verdict=nothing(even=True))
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
+    clear = likeliest(scores, keep) if current.cause is not None and misfit.z > CLEAR else []
+    if left.like_noise and not any(s.explained > EXPLAINED for s in clear):
+        return replace(quiet, verdict=nothing(even=True))
     leaders, others = leaders_of(scores, keep)
+    leaders = leaders or clear
     if not shadow:
         leaders += as_likely(scores, leaders, keep)
     rough = _ROUGHLY * counted(taken.scene, noise, modes)
@@ -115,7 +119,8 @@ def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progr
 
 def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress) -> Round:
     """A first look with all those refitted, too, that could be next."""
-    others = waiting(found.scores, TESTABLE, {c.name for c in found.candidates})
+    noise, known = replace(found.statistics, s2=floor), {c.name for c in found.candidates}
+    others = waiting(found.statistics, noise, found.scores, TESTABLE, known)
     tried = refitted(others, current, model, floor, modes, say, beside=found.tried)
     more = tried.refits[len(found.tried.refits) :]
     return replace(with_more(found, more, current, model, floor, modes, wide=True), tried=tried)

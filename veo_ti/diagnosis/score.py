@@ -12,6 +12,7 @@ from sim.evidence import Posterior, posterior
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.columns import Direction, directions_of
 from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.moments import Along, Moments, moments, moments_of
 from veo_ti.diagnosis.visible import surely_visible
@@ -59,6 +60,13 @@ class Statistics:
         done, whole = self._imitated(other.columns, one.columns), self.inner(one.columns, one.columns)
         return float(one.theta @ done @ one.theta / max(one.theta @ whole @ one.theta, 1e-300))
 
+    def together(self, one: "Score", other: "Score", noise: "Statistics") -> float:
+        """Share of the misfit's excess that two most probably take with them, by the same statistics at the variance of
+        the noise."""
+        columns, widths = np.append(one.columns, other.columns), np.append(one.widths, other.widths)
+        theta = self.joint(columns, widths)[self.moments.nuisances :]
+        return noise.explained(columns, theta)
+
     def unlike(self, own: np.ndarray, others: np.ndarray, widths: np.ndarray) -> np.ndarray:
         """How far what others do beyond the nuisances is from all that directions `own` can do, to first order.
 
@@ -82,7 +90,7 @@ class Statistics:
         """The columns of the smooth modes."""
         return slice(len(self.moments.normal.b) - self.moments.modes, None)
 
-    def misfit(self) -> "Misfit":
+    def misfit(self) -> Misfit:
         """Energy of the residual in the smooth modes against its expectation."""
         return Misfit.of(self.against(self.smooth), self._smooth_covariance)
 
@@ -108,31 +116,6 @@ class Statistics:
         return posterior(normal, np.concatenate([self.prior, widths**2]), np.sqrt(self.s2))
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """Energy, its mean and standard deviation under "noise only", in units in which a white mode has energy one."""
-
-    energy: float
-    mean: float
-    sd: float
-
-    @classmethod
-    def of(cls, u: np.ndarray, C: np.ndarray) -> "Misfit":
-        """From modes^T Sigma^-1 z and its covariance."""
-        scale = 1 / np.maximum(np.diagonal(C).max(), 1e-300)
-        return cls(float(scale * u @ u), float(scale * np.trace(C)), float(scale * np.sqrt(2 * (C**2).sum())))
-
-    @property
-    def z(self) -> float:
-        """Standard deviations above the expectation."""
-        return (self.energy - self.mean) / self.sd
-
-    @property
-    def excess(self) -> float:
-        """Energy beyond the expectation."""
-        return max(self.energy - self.mean, 0.0)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Score:
     """A cause before any refit. theta (d,), sd (d,) and place: the most probable ones to first order."""
@@ -148,6 +131,7 @@ class Score:
     detectable: np.ndarray  # (d,) smallest value that would be seen in nine cases of ten
     nuisances: np.ndarray  # (n,) the most probable ones beside theta
     columns: np.ndarray  # (d,) of its directions in the statistics it was made by
+    widths: np.ndarray  # (d,) of its parameters' priors
     unlike: Mapping[str, np.ndarray] = field(default_factory=dict)  # of a lawful cause, how far others are from it
 
     @property
@@ -177,6 +161,7 @@ def score(
         explained=noise.explained(columns[best], theta),
         log_bayes=float(logsumexp(evidence) - np.log(len(evidence))),
         nuisances=statistics.joint(columns[best], widths)[: statistics.moments.nuisances], columns=columns[best],
+        widths=widths,
     )  # fmt: skip
 
 
@@ -199,9 +184,15 @@ def _at(statistics: Statistics, cause: Cause, widths: np.ndarray, columns: np.nd
 def scores_of(
     current: Refit, model: Model, floor: float, modes: np.ndarray, tries: Sequence[tuple[Cause, Sequence[Any]]]
 ) -> tuple[Statistics, tuple[Score, ...]]:
-    """The score of every cause over its places beside what `current` holds, best first; that stays as it is."""
+    """The score of every cause over its places beside what `current` holds, best first.
+
+    A cause that it holds is one more nuisance: beside the other one it may be larger or smaller than alone.
+    """
     taken, beside = current.taken_in(), Along.with_cause(current.cause, current.scene, current.theta, current.place)
-    scene = taken.scene
+    scene, held, prior = taken.scene, [], taken.prior
+    if current.cause is not None:
+        held = directions_of(current.cause, current.scene, current.place, current.theta)
+        prior = np.concatenate([prior, current.cause.widths(current.scene) ** 2])
     directions: list[Direction] = []
     table = []
     for cause, places in tries:
@@ -213,10 +204,10 @@ def scores_of(
         table.append((cause, places, np.array(columns)))
     K = model.basis.log_mu.shape[1]
     found = moments(
-        scene, model.basis, taken.around[:K], model.extra, directions, along=beside,
+        scene, model.basis, taken.around[:K], [*model.extra, *held], directions, along=beside,
         residual=scene.target.residual(taken.simulated), modes=modes,
     )  # fmt: skip
-    statistics = Statistics(moments=found, s2=model.s2, prior=taken.prior)
+    statistics = Statistics(moments=found, s2=model.s2, prior=prior)
     least = surely_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
     noise = replace(statistics, s2=floor)
     scores = [

@@ -8,13 +8,14 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.fitted import OURS, Refit
-from veo_ti.diagnosis.score import Misfit
+from veo_ti.diagnosis.misfit import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
 BETTER = 6.0  # nats that a cause must gain over the baseline
 APART = 5.0  # nats, and
 APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must lie behind; but
-CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted:
+CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted,
+NOTHING = 5e-4  # or share of what is wrong, however clear:
 SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simulation's own error can turn about
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
@@ -117,7 +118,7 @@ def _margin(best: Candidate, wide: bool) -> float:
     An effect of s standard deviations gains s^2/2 nats, and causes that show it d apart differ by d^2/2 of them. Our
     error of OURS s turns the order about where d < 2 OURS s.
     """
-    if best.misfit.z < CLEAN or (wide and best.like_noise):
+    if best.misfit.z < CLEAN or 1 - best.explained < NOTHING or (wide and best.like_noise):
         return max(SURE, best.gained * (1 - best.explained) / best.explained, (2 * OURS) ** 2 * best.gained)
     return max(APART, APART_SHARE * best.gained)
 

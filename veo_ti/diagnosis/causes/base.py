@@ -69,8 +69,8 @@ class Cause:
     def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried | None:
         """How what tracking shows moves on when motion and material change a little, beyond the motion's own change.
 
-        It takes motion (n, N, 3) [m], the frames (n,) it belongs to and the change of (mu, lam), (N, 2) [Pa]; None:
-        not at all, or too little to matter.
+        It takes the motion (n, N, 3) [m] of the first n frames, whether they train or not, these frames (n,) and the
+        change of (mu, lam), (N, 2) [Pa]; None: not at all, or too little to matter.
         """
         return None
 

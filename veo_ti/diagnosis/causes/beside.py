@@ -92,10 +92,12 @@ class Beside(Cause):
         return moved if self.other.lags else moved + [(first, to) for to in self.other.near(scene, second)]
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Places, np.ndarray] | None:
-        """Of the second one; the first one has been followed as far as it was before."""
-        first, own = (part for _, part in self.parts)
-        further = self.other.closer(scene, theta[own], place[1])
-        return None if further is None else ((place[0], further[0]), np.concatenate([theta[first], further[1]]))
+        """Of each: the first one, too, goes on from another motion than alone."""
+        each = [(own, at, cause.closer(scene, theta[own], at)) for cause, own, at in self._placed(place)]
+        if all(further is None for *_, further in each):
+            return None
+        places, sizes = zip(*(further or (at, theta[own]) for own, at, further in each), strict=True)
+        return places, np.concatenate(sizes)
 
     def places(self, scene: Scene) -> Sequence[Places]:
         """None: both have been placed."""

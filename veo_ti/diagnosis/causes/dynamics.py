@@ -1,12 +1,13 @@
 """Causes in the motion itself: mass that has to be moved, air that has to be pushed aside."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sim.vibration import Vibrations, follow
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.lagging import Response, behind, further
 from veo_ti.diagnosis.causes.swings import Creep, Swings
 from veo_ti.diagnosis.scene import Scene
 
@@ -14,14 +15,11 @@ _RATIOS = (0.02, 0.07, 0.2, 0.6)
 _RINGS = 0.7  # damping ratio below which an object has a resonance (1 / sqrt 2)
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
-_BIT = 1e-4  # of a frequency, by which it is changed to see what follows
 _TUNED = 0.05 * np.arange(-30, 31)  # log stiffness over mass, beside that of the scene, at which vibrations are tried
 _FAR = 3.0  # nats, that a stiffness is tried beyond the scene's at most
 _UNKNOWN = 3.0  # times as far where the scale of the forces, and so that of the stiffness, is not known
 _WEIGHED = 0.2  # of the mass, that the linear vibrations of a large motion may be off by
 _ANY = 30.0  # of the mass: what a share may be in such units
-
-Response = Callable[[Vibrations, np.ndarray, np.ndarray], np.ndarray]  # modes, u (T, N, 3), time -> coordinates (T, K)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +87,7 @@ class Inertia(Cause):
         """Linear about the rest shape, exact in time for loads that go on between frames as the place has it."""
         if place.stiffer == 0:
             beyond = 0.0 if place.swings is None else theta[0] / place.swings.share * place.swings.beyond
-            return _behind(scene, scene.vibrations, _lag(theta[0], place), beyond)
+            return behind(scene, scene.vibrations, _lag(theta[0], place), beyond)
         modes, u, less = scene.vibrations, scene.y - scene.cloud.x, np.exp(-place.stiffer)
         stiff = replace(modes, omega=modes.omega / np.sqrt(less))
         lagging = modes.motion(_lag(theta[0], place)(stiff, less * u, scene.time))
@@ -98,7 +96,7 @@ class Inertia(Cause):
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Ring) -> Carried:
         """The lag of the change, and what other frequencies do to the lag."""
-        return _further(scene, scene.vibrations, _lag(theta[0], place))
+        return further(scene, scene.vibrations, _lag(theta[0], place))
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Ring) -> tuple[Ring, np.ndarray] | None:
         """What the full simulation adds to the linear vibrations, and the share that is then as slow."""
@@ -148,11 +146,11 @@ class Damping(Cause):
     def change(self, scene: Scene, theta: np.ndarray, place: Flow) -> Change:
         """Linear about the rest shape, exact in time for loads that go on between frames as the place has it."""
         beyond = 0.0 if place.creep is None else theta[0] / place.creep.drag * place.creep.beyond
-        return _behind(scene, scene.relaxations, _delay(theta[0], place), beyond)
+        return behind(scene, scene.relaxations, _delay(theta[0], place), beyond)
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Flow) -> Carried:
         """The delay of the change, and what another stiffness does to the delay."""
-        return _further(scene, scene.relaxations, _delay(theta[0], place))
+        return further(scene, scene.relaxations, _delay(theta[0], place))
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Flow) -> tuple[Flow, np.ndarray] | None:
         """What the full simulation adds to the linear response."""
@@ -225,25 +223,3 @@ class _Seen:
 
 def _delay(drag: float, place: Flow) -> Response:
     return lambda modes, u, time: modes.delay(u, time, drag=drag, smooth=place.smooth)
-
-
-def _behind(scene: Scene, modes: Vibrations, response: Response, beyond: np.ndarray | float = 0.0) -> Change:
-    """What tracking shows of a motion that is followed with a delay, and of what lies beyond the linear response."""
-    added = modes.motion(response(modes, scene.y - scene.cloud.x, scene.time)) + beyond
-    return Change(observe=lambda y, frames: y + added[frames])
-
-
-def _further(scene: Scene, modes: Vibrations, response: Response) -> Carried:
-    """The response to a change of the motion, which is linear in it, and to a change of each frequency."""
-    u, elastic = scene.y - scene.cloud.x, scene.energy.elastic
-    ahead, before = (response(replace(modes, omega=s * modes.omega), u, scene.time) for s in (1 + _BIT, 1 - _BIT))
-    slope = (ahead - before) / (2 * _BIT * modes.omega)  # of every coordinate with its own frequency, (T, K)
-
-    def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
-        since = np.union1d(0, frames)  # it starts at rest in the first frame, seen or not
-        started = np.zeros((len(since), *motion.shape[1:]))
-        started[len(since) - len(frames) :] = motion
-        own = response(modes, started, scene.time[since])[len(since) - len(frames) :]
-        return modes.motion(own + slope[frames] * modes.tuning(elastic, change))
-
-    return further

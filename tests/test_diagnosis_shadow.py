@@ -1,0 +1,78 @@
+"""What is looked for beside a cause that was found."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
+from test_diagnosis_pairs import FORCE, both, filmed, place  # noqa: F401
+
+from veo_ti.diagnosis import rounds
+from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.loads import HiddenForce
+from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.rounds import look
+from veo_ti.diagnosis.score import scores_of
+
+
+@pytest.fixture(scope="module")
+def pushed(filmed, model, place):  # noqa: F811
+    """The hidden force alone, refitted where a camera's scale is wrong, too: it takes part of that."""
+    return refit(filmed, model, np.zeros(len(model.prior)), cause=HiddenForce(), place=place[0], theta=np.zeros(3))
+
+
+def test_the_score_beside_a_cause_lets_that_one_move(pushed, filmed, model, place):  # noqa: F811
+    """The second cause is scored as large as where both are refitted together."""
+    force = pushed.theta
+    assert np.linalg.norm(force - FORCE) > 0.3 * np.linalg.norm(FORCE)  # it is far off alone
+    modes = model.basis.field.modes[:, :12]
+    found = scores_of(pushed, model, NOISE**2, modes, [(CameraScale(), [None])])[1][0]
+    alone = scores_of(pushed.taken_in(), model, NOISE**2, modes, [(CameraScale(), [None])])[1][0]
+    together = refit(
+        filmed, model, np.zeros(len(model.prior)), cause=Beside(HiddenForce(), CameraScale()), place=place,
+        theta=np.zeros(7),
+    )  # fmt: skip
+    beside, fixed = (np.linalg.norm(s.theta - together.theta[3:]) for s in (found, alone))
+    assert fixed > 0.1 * np.linalg.norm(together.theta[3:])  # were the first one to stay as it is
+    assert beside < 0.2 * fixed
+
+
+@pytest.mark.parametrize(
+    ("beside", "promised", "kind"), [(True, 0.6, "named"), (True, 0.4, "no_misfit"), (False, 0.6, "no_misfit")]
+)
+def test_what_goes_on_like_noise_is_looked_at_beside_a_cause_where_another_promises_most_of_it(
+    beside, promised, kind, pushed, filmed, model, monkeypatch  # noqa: F811
+):  # fmt: skip
+    """Seed 5090: what a clock leaves beside a drag is as strong in all frames."""
+    plain, like_noise = rounds.scores_of, SimpleNamespace(visible=True, like_noise=True, faint=False)
+
+    def scores_of(*given):
+        statistics, scores = plain(*given)
+        return statistics, tuple(replace(s, explained=promised) for s in scores)
+
+    monkeypatch.setattr(rounds, "scores_of", scores_of)
+    monkeypatch.setattr(rounds.Left, "by", lambda *_, **more: like_noise)
+    current = pushed if beside else refit(filmed, model, np.zeros(len(model.prior)))
+    modes = model.basis.field.modes[:, :12]
+    found = look(current, model, NOISE**2, modes, [CameraScale()], lambda text: None, shadow=beside)
+    assert found.verdict.kind == kind
+    assert [c.name for c in found.verdict.causes] == (["camera_scale"] if kind == "named" else [])
+
+
+def test_both_are_followed_beyond_the_first_order():
+    """The first one, too: its motion is another one beside the second."""
+
+    def cause(name: str, sizes: int, further: bool) -> SimpleNamespace:
+        def closer(scene, theta, at):  # noqa: F811
+            return (f"{at}, closer", 2 * theta) if further else None
+
+        return SimpleNamespace(name=name, sentence=name, parameters=sizes * ("any",), follows=False, closer=closer)
+
+    one, two, still = cause("one", 2, True), cause("two", 1, True), cause("still", 1, False)
+    at, theta = Beside(one, still).closer(None, np.arange(3.0), ("a", "b"))
+    assert at == ("a, closer", "b") and theta.tolist() == [0, 2, 2]
+    at, theta = Beside(one, two).closer(None, np.arange(3.0), ("a", "b"))
+    assert at == ("a, closer", "b, closer") and theta.tolist() == [0, 2, 4]
+    assert Beside(still, still).closer(None, np.arange(2.0), ("a", "b")) is None
