@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
-from veo_ti.diagnosis.causes.history import Viscoelasticity
-from veo_ti.diagnosis.placing import _moved, better_place
+from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.history import Softening, Viscoelasticity
+from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.placing import _moved, better_place, unsure_of_place
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.solved import solved
@@ -18,7 +20,12 @@ SHARE, TAU, START = 1.5, 1.2, 2.4  # [s]; frames are a second apart
 @pytest.fixture(scope="module")
 def creeping(scene, model):  # noqa: F811
     """The scene as a viscous material would have moved, and noise."""
-    problem = Problem.of(scene, model, Viscoelasticity(), TAU)
+    return moved(scene, model, TAU)
+
+
+def moved(scene, model, tau: float):  # noqa: F811
+    """With another time constant [s]."""
+    problem = Problem.of(scene, model, Viscoelasticity(), tau)
     true = solved(problem, scene, np.zeros(len(model.prior)), np.array([SHARE]))
     noise = NOISE * np.random.default_rng(2).normal(size=scene.y.shape)
     return replace(scene, target=replace(scene.target, y=true.scene.y + noise, sigma=NOISE))
@@ -63,3 +70,39 @@ def test_a_move_begins_at_what_is_most_probable_there(creeping, model, monkeypat
         shift=spot.coefficients - found.coefficients, since=found.theta,
     )  # fmt: skip
     assert begun[0] == pytest.approx(spot.theta) and abs(moved.theta[0] - SHARE) < 0.2 * SHARE
+
+
+def test_a_time_constant_between_those_that_are_tried_is_found(creeping, model):  # noqa: F811
+    """A quarter off, nearer than any that is tried."""
+    start, half = np.zeros(len(model.prior)), np.array([0.5])
+    found = refit(creeping, model, start, cause=Viscoelasticity(), place=1.25 * TAU, theta=half)
+    assert abs(np.log(better_place(found, model).place / TAU)) < 0.05
+
+
+def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noqa: F811
+    """Against refits nearby: `var = var at this one + (d share / d tau)^2 / (d2 cost / d tau2)`.
+
+    Of a creep that is slow, more of a share with a longer time constant is nearly the same.
+    """
+    slow, start, half = 5 * TAU, np.zeros(len(model.prior)), np.array([0.5])
+    filmed, step = moved(scene, model, slow), 0.05
+    tau = slow * np.exp(step * np.arange(-1, 2))
+    near = [refit(filmed, model, start, cause=Viscoelasticity(), place=at, theta=half) for at in tau]
+    share, cost = np.array([r.theta[0] for r in near]), np.array([r.cost for r in near])
+    slope, curve = (share[2] - share[0]) / (2 * step), (cost[0] - 2 * cost[1] + cost[2]) / step**2
+    here = near[1]
+    placed = unsure_of_place(here)
+    more = placed.placed[0, 0] - here.covariance[0, 0]
+    assert np.sqrt(more) == pytest.approx(slope / np.sqrt(curve), rel=0.2)  # a step of the course is not a small one
+    assert more > here.covariance[0, 0]  # most of what is not known
+    assert placed.spread[0] > 1.3 * here.spread[0]
+    assert placed.theta is here.theta and unsure_of_place(replace(here, cause=None)).placed is None
+
+
+def test_of_two_causes_each_goes_along_its_own_course():
+    both = Beside(Viscoelasticity(), Softening())
+    before, after = ([on(step) for on in both.courses((2.0, 0.1))] for step in (-1.0, 1.0))
+    assert before[0][0] < 2.0 < after[0][0] and before[0][1] == after[0][1] == 0.1
+    assert before[1][1] < 0.1 < after[1][1] and before[1][0] == after[1][0] == 2.0
+    assert [on(0.0) for on in both.courses((2.0, 0.1))] == [(2.0, 0.1)] * 2
+    assert not Beside(CameraScale(), CameraScale()).courses((None, None))

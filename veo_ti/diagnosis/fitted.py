@@ -39,6 +39,7 @@ class Refit:
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
     line: Line  # the fingerprints, and
     told: Solved  # which motion they are of: the last one, or one before
+    placed: np.ndarray | None = None  # (d, d), the covariance where a place along a course is unsure as well
 
     @property
     def kept(self) -> Fingerprints:
@@ -54,15 +55,20 @@ class Refit:
         """Standard deviations (d,) with what the simulation itself gets wrong, which is 6 % of what the cause does.
 
         `sd^2 + 0.06^2 (theta^T C^-1 theta) C_ii` with C the posterior covariance, of any scale: 0.06 |theta| for a
-        single parameter, and far more of one that hardly shows, since that much of any motion may look like it.
+        single parameter, and far more of one that hardly shows, since that much of any motion may look like it. C_ii
+        is that beside an unsure place, where it was asked for.
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        return self.beside_ours(self.sd)
+        return self.beside_ours(np.maximum(self.sd, np.sqrt(np.diagonal(self._everywhere))))
 
     def beside_ours(self, sd: np.ndarray) -> np.ndarray:
         """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
-        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
+        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self._everywhere)))
+
+    @property
+    def _everywhere(self) -> np.ndarray:
+        return self.covariance if self.placed is None else self.placed
 
     @property
     def worth(self) -> float:
@@ -105,7 +111,8 @@ class Refit:
         return tuple(
             replace(
                 self, cause=cause, place=at, theta=self.theta[own], sd=self.sd[own],
-                covariance=self.covariance[own, own], prior=np.concatenate([self.prior[:n], self.prior[n:][own]]),
+                covariance=self.covariance[own, own], placed=None if self.placed is None else self.placed[own, own],
+                prior=np.concatenate([self.prior[:n], self.prior[n:][own]]),
             )
             for (cause, own), at in zip(self.cause.parts, self.place, strict=True)
         )  # fmt: skip

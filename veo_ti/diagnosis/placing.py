@@ -1,13 +1,13 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sim.evidence import Posterior, posterior
-from veo_ti.diagnosis.causes.base import Change
+from veo_ti.diagnosis.causes.base import Change, Course
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
 from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.model import Model, shown_by
@@ -32,9 +32,12 @@ def better_place(result: Refit, model: Model) -> Spot:
     also tried at each place as if it were new. Its own place as it was, where none is clearly better.
     """
     here = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
-    cause = result.cause
+    cause, courses = result.cause, result.cause.courses(result.place)
     others = cause.places(result.without) if cause.lags else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
+    if courses:
+        steps = _along(result, courses, model).mean[-len(courses) :].clip(-1, 1)
+        places += [on(float(step)) for on, step in zip(courses, steps, strict=True)]
     if len(places) == 1:
         return here
     ways = [_moved(result, model, places)]
@@ -47,6 +50,28 @@ def better_place(result: Refit, model: Model) -> Spot:
         return here
     coefficients, theta = np.split(found.mean, [len(result.coefficients)])
     return Spot(place=places[best], coefficients=coefficients, theta=theta)
+
+
+def unsure_of_place(result: Refit) -> Refit:
+    """A refit whose intervals hold that its place is unsure, where that lies on a course."""
+    courses = [] if result.cause is None else result.cause.courses(result.place)
+    if not courses:
+        return result
+    own = slice(len(result.coefficients), -len(courses))
+    return replace(result, placed=_along(result, courses, result.line.problem.model).covariance[own, own])
+
+
+def _along(result: Refit, courses: Sequence[Course], model: Model) -> Posterior:
+    """How far on its place is along each course, too, after all other unknowns: how the motion changes half a step on
+    is one more column, of unit variance, to first order."""
+    n, scene = len(result.coefficients), result.scene
+    motion = _pushed_elsewhere(result, [result.place, *(on(step) for on in courses for step in (-0.5, 0.5))])
+    rows = []
+    for t, X, S in zip(result.kept.frames, result.kept.columns, motion, strict=True):
+        moves = (S[1::2] - S[::2])[:, scene.target.seen[t]]
+        rows.append(np.concatenate([X[n:], moves.reshape(len(courses), -1).astype(np.float32)]))
+    at, prior = np.append(result.around, np.zeros(len(courses))), np.append(result.prior, np.ones(len(courses)))
+    return _explained(result, n, rows, at, scene.target.residual(result.simulated), prior, model)
 
 
 def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterior]:

@@ -15,6 +15,7 @@ from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
+from veo_ti.diagnosis.placing import unsure_of_place
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
 from veo_ti.diagnosis.verdict import (
     CLEAR,
@@ -78,6 +79,7 @@ def diagnose(
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
     def told(rounds: Sequence[Round], *, finished: bool) -> Diagnosis:
+        rounds = [_with_places(found) for found in rounds]
         extended = next((r.extended for r in reversed(rounds) if r.extended is not None), None)
         final = start.refit if extended is None else everywhere(extended)
         return Diagnosis(
@@ -100,6 +102,13 @@ def diagnose(
     if len(rounds) == 1:
         rounds = [told_apart(rounds[0], start.refit, start.model, rounds[0].s2, say)]
     return told(rounds, finished=not start.model.effort.over)
+
+
+def _with_places(found: Round) -> Round:
+    """A round whose intervals hold how unsure the places of its causes are."""
+    causes = tuple(replace(c, refit=unsure_of_place(c.refit)) for c in found.verdict.causes)
+    extended = None if found.extended is None else unsure_of_place(found.extended)
+    return replace(found, verdict=replace(found.verdict, causes=causes), extended=extended)
 
 
 def _gain(identification: Identification, start: Baseline, final: Refit) -> Gain | None:

@@ -34,6 +34,7 @@ class Change:
     observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
 
 
+Course = Callable[[float], Any]  # the place so many half steps on; where no step was made, the one that it is of
 Carried = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -98,6 +99,10 @@ class Cause:
 
     def near(self, scene: Scene, place: Any) -> Sequence[Any]:
         """Places between `place` and the others that were scanned, for a closer look."""
+        return ()
+
+    def courses(self, place: Any) -> Sequence[Course]:
+        """Those on which the place lies, such as that of time constants."""
         return ()
 
     def laws(self, scene: Scene) -> Sequence[Any]:
