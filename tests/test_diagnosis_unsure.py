@@ -103,3 +103,30 @@ def test_before_two_at_once_all_that_promise_something_are_refitted(explains, mo
     found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [a.refit.cause], str)
     assert asked == (["others"] if explains else ["others", "two"])
     assert [one.name for one in found[0].verdict.causes] == (["c"] if explains else ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("explained", "energy", "better", "kind", "names"),
+    [
+        (0.994, 9.0, 0.9999, "named", ["b"]),  # seed 9084: a drag was called a creeping material
+        (0.994, 9.0, None, "named", ["a"]),
+        (0.994, 3.0, 0.9999, "named", ["a"]),  # it leaves noise
+        (0.998, 9.0, 0.9999, "named", ["a"]),  # or what our own error of it may be
+        (0.994, 9.0, 0.994, "ambiguous", ["a", "b"]),
+    ],
+)
+def test_others_are_refitted_too_where_a_name_leaves_more_than_noise(
+    explained, energy, better, kind, names, monkeypatch
+):
+    """Though there is nothing to look for in what it leaves."""
+    a, b = left_by("a", explained), left_by("b", better or 0.0)
+    a = replace(a, misfit=replace(a.misfit, energy=energy))
+    first = replace(unexplained_by(a), verdict=named(a), extended=a.refit)
+    then = {"named": named(b), "ambiguous": either((a, b))}[kind] if better else named(a)
+    monkeypatch.setattr(run, "_second", lambda *given: None)
+    monkeypatch.setattr(run, "widened", lambda found, *given: replace(found, candidates=(a, b), verdict=then))
+    start = SimpleNamespace(given=(), beside=None, modes=None, model=LASTING)
+    for causes in ([a.refit.cause], []):  # the latter where no second look was asked for
+        found = run._rounds(first, start, causes, str)
+        told = [c.name for c in found[0].verdict.causes]
+        assert (found[0].verdict.kind, told) == ((kind, names) if causes else ("named", ["a"]))

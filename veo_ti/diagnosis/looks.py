@@ -82,7 +82,8 @@ def tried_once(found: Score, current: Refit, model: Model, say: Progress, most: 
     `most` even at its end."""
     say(f"refit with {found.name}")
     here = current.coefficients
-    place, start, far = _begun(found.cause, found.place, here, model)
+    place, start, _ = _begun(found.cause, found.place, here, model)
+    far = found.cause.known(found.place)  # of another size its fingerprint would be another one
     if current.cause is not None:
         both, own = Beside(current.cause, found.cause), np.zeros(len(found.theta)) if far is None else far
         theta = np.concatenate([current.theta, own])

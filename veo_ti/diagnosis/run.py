@@ -129,31 +129,49 @@ def _rounds(
     """The first look; a second one beside what it named, if that explains enough; else two causes at once, which may
     also tell apart those of which each leaves clear misfit. Before that all that promise something are refitted.
 
-    Where nothing explains what a named cause leaves, that is no reason against another which leaves more, but explains
-    nearly all as well: either may be there, beside something else. Without such another, the cause itself may only
-    imitate what is there, if what it leaves is clear and more than a little; one that explains what it leaves takes its
-    place. wide: whether all others were refitted, too. A look that the effort did not last for says nothing.
+    wide: whether they were. A look that the effort did not last for says nothing.
     """
     kind, found = first.verdict.kind, first.verdict.causes[:1]
     if kind == "named" and stands(found):
-        more = _second(found[0], start, causes, say)
-        if start.model.effort.over:
-            return [_unexplained(first)] if leaves_much(found[0]) else [first]
-        if more is None or more.verdict.kind != "unexplained":
-            return [first] if more is None else [first, more]
-        wider = first if wide else widened(first, *start.given, say)
-        if wider.verdict.kind == "named" and wider.verdict.causes[0].name != found[0].name:
-            return _rounds(wider, start, causes, say, wide=True)
-        near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found[0].name]
-        if not near:
-            return [_unexplained(first)] if leaves_much(found[0]) else [first, more]
-        unsure = replace(wider, verdict=either((*found, *near)), extended=None)
-        return _pair(unsure, start, causes, say, but=found[0].name)
+        return _besides(first, start, causes, say, wide=wide)
     if kind == "no_misfit" or (kind == "ambiguous" and found[0].misfit.z < CLEAR):
         return [first]
     if wide or not causes or start.model.effort.over:
         return _pair(first, start, causes, say)
     return _rounds(widened(first, *start.given, say), start, causes, say, wide=True)
+
+
+def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progress, *, wide: bool) -> list[Round]:
+    """The first look and one beside what it named.
+
+    Where nothing is known that explains what a named cause leaves, and that is more than it may leave itself, all that
+    promise something are refitted: another may explain it. If nothing explains it, that is no reason against another
+    which leaves more, but explains nearly all as well: either may be there, beside something else. Without such
+    another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little.
+    """
+    found, more = first.verdict.causes[0], _second(first.verdict.causes[0], start, causes, say)
+    if start.model.effort.over:
+        return [_unexplained(first)] if leaves_much(found) else [first]
+    both = [first] if more is None else [first, more]
+    lost = more is not None and more.verdict.kind == "unexplained"
+    if (more is not None and more.verdict.causes) or not (lost or (causes and _doubtful(found))):
+        return both
+    wider = first if wide else widened(first, *start.given, say)
+    name = wider.verdict.causes[0].name if wider.verdict.kind == "named" else None
+    if name != found.name and (name or not lost):
+        return _rounds(wider, start, causes, say, wide=True)
+    if not lost:
+        return both
+    near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found.name]
+    if not near:
+        return [_unexplained(first)] if leaves_much(found) else both
+    unsure = replace(wider, verdict=either((found, *near)), extended=None)
+    return _pair(unsure, start, causes, say, but=found.name)
+
+
+def _doubtful(found: Candidate) -> bool:
+    """Whether more is left than noise and our own error of what a cause does: another one may leave less."""
+    return found.misfit.z > MISFIT and 1 - found.explained > OURS**2
 
 
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:
