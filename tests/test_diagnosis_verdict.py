@@ -177,6 +177,7 @@ def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():
 class Fitted(SimpleNamespace):
     """Parameters and their covariance."""
 
+    placed = None
     worth, beside_ours = Refit.worth, Refit.beside_ours
 
 
@@ -190,6 +191,8 @@ def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
     one = Fitted(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
+    one.placed = 4 * one.covariance  # half as sure beside an unsure place
+    assert Refit.spread.fget(one) == pytest.approx([np.hypot(max(0.05, 2 * np.sqrt(scale)), 0.24)])
 
 
 @pytest.mark.parametrize(

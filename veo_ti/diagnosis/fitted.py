@@ -60,15 +60,13 @@ class Refit:
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        return self.beside_ours(np.maximum(self.sd, np.sqrt(np.diagonal(self._everywhere))))
+        sd = self.sd if self.placed is None else np.maximum(self.sd, np.sqrt(np.diagonal(self.placed)))
+        return self.beside_ours(sd)
 
     def beside_ours(self, sd: np.ndarray) -> np.ndarray:
         """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
-        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self._everywhere)))
-
-    @property
-    def _everywhere(self) -> np.ndarray:
-        return self.covariance if self.placed is None else self.placed
+        covariance = self.covariance if self.placed is None else self.placed
+        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(covariance)))
 
     @property
     def worth(self) -> float:
