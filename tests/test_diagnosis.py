@@ -17,7 +17,6 @@ from veo_ti.diagnosis.causes import CATALOGUE, Cause, Change, Parameter
 from veo_ti.diagnosis.causes.dynamics import Damping, Inertia
 from veo_ti.diagnosis.causes.material import StrainStiffening
 from veo_ti.diagnosis.columns import directions_of
-from veo_ti.diagnosis.gain import measure_gain
 from veo_ti.diagnosis.limits import limits
 from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.moments import Along, moments
@@ -211,23 +210,6 @@ def test_noise_that_lasts_goes_on_evenly_and_missing_physics_does_not(scene, bas
     assert even(lasting) > 0.5
     assert even(load * wave) < 0.2 and even(0.1 * load * wave) < 0.2  # beside white noise that is twice as large
     assert not even(np.broadcast_to(wave, scene.y.shape))  # it stays, as a constant force would make it
-
-
-def test_gain_is_judged_on_held_out_frames_only():
-    random = np.random.default_rng(0)
-    truth = np.zeros((24, 30, 3))
-    target = Target(y=truth + 0.1 * random.normal(size=truth.shape), seen=np.ones((24, 30), bool))
-    train = np.arange(24) % 8 < 5
-    off = np.where(train[:, None, None], 5.0, 0.3) * np.ones_like(truth)
-    models = {"before": truth + off, "after": truth, "homogeneous": truth + 2 * off, "no_change": truth + off}
-    gain = measure_gain(target, train, models, 0.1)
-    assert gain.before_mm == pytest.approx(1e3 * np.hypot(0.3, 0.1), rel=0.05)
-    assert gain.after_mm == pytest.approx(100, rel=0.05)
-    low, high = gain.gained_mm[1:]
-    assert low <= gain.gained_mm[0] <= high and gain.confirmed
-    same = measure_gain(target, train, models | {"after": truth + off}, 0.1)
-    assert same.gained_mm == (0.0, 0.0, 0.0) and not same.confirmed
-    assert measure_gain(target, np.ones(24, bool), models, 0.1) is None
 
 
 def test_limits_of_a_measurement_are_said(scene):

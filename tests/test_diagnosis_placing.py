@@ -20,10 +20,10 @@ SHARE, TAU, START = 1.5, 1.2, 2.4  # [s]; frames are a second apart
 @pytest.fixture(scope="module")
 def creeping(scene, model):  # noqa: F811
     """The scene as a viscous material would have moved, and noise."""
-    return moved(scene, model, TAU)
+    return crept(scene, model, TAU)
 
 
-def moved(scene, model, tau: float):  # noqa: F811
+def crept(scene, model, tau: float):  # noqa: F811
     """With another time constant [s]."""
     problem = Problem.of(scene, model, Viscoelasticity(), tau)
     true = solved(problem, scene, np.zeros(len(model.prior)), np.array([SHARE]))
@@ -85,7 +85,7 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
     Of a creep that is slow, more of a share with a longer time constant is nearly the same.
     """
     slow, start, half = 5 * TAU, np.zeros(len(model.prior)), np.array([0.5])
-    filmed, step = moved(scene, model, slow), 0.05
+    filmed, step = crept(scene, model, slow), 0.05
     tau = slow * np.exp(step * np.arange(-1, 2))
     near = [refit(filmed, model, start, cause=Viscoelasticity(), place=at, theta=half) for at in tau]
     share, cost = np.array([r.theta[0] for r in near]), np.array([r.cost for r in near])

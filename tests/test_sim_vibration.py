@@ -151,4 +151,3 @@ def test_stiffness_of_a_change_tunes_every_frequency_and_joins_the_modes(box):
     expected = shapes @ (hessian @ shapes.T)
     assert np.abs(expected - np.diag(np.diagonal(expected))).max() > 0.01 * np.abs(expected).max()
     assert found == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
-

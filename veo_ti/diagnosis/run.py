@@ -106,9 +106,10 @@ def diagnose(
 
 def _with_places(found: Round) -> Round:
     """A round whose intervals hold how unsure the places of its causes are."""
-    causes = tuple(replace(c, refit=unsure_of_place(c.refit)) for c in found.verdict.causes)
-    extended = None if found.extended is None else unsure_of_place(found.extended)
-    return replace(found, verdict=replace(found.verdict, causes=causes), extended=extended)
+    refits = [*(c.refit for c in found.verdict.causes), *([] if found.extended is None else [found.extended])]
+    placed = {id(r): unsure_of_place(r) for r in {id(r): r for r in refits}.values()}  # often one and the same
+    causes = tuple(replace(c, refit=placed[id(c.refit)]) for c in found.verdict.causes)
+    return replace(found, verdict=replace(found.verdict, causes=causes), extended=placed.get(id(found.extended)))
 
 
 def _gain(identification: Identification, start: Baseline, final: Refit) -> Gain | None:
@@ -170,7 +171,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
 
 
 def _doubtful(found: Candidate) -> bool:
-    """Whether more is left than noise and our own error of what a cause does: another one may leave less."""
+    """Whether more is left than noise and our own error of what a cause does."""
     return found.misfit.z > MISFIT and 1 - found.explained > OURS**2
 
 
@@ -178,7 +179,7 @@ def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Pro
     """The look beside a named cause; None in what is as small as the simulation's own error, of the motion or of what
     that cause does."""
     others = [cause for cause in causes if cause.name != found.name]
-    if not others or found.misfit.z < MISFIT or 1 - found.explained < OURS**2:
+    if not others or not _doubtful(found):
         return None
     (model, floor), taken = start.beside(found.refit), found.refit.taken_in()
     noise = measure_noise(taken.scene, start.modes).local

@@ -34,7 +34,7 @@ class Change:
     observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
 
 
-Course = Callable[[float], Any]  # the place so many half steps on; where no step was made, the one that it is of
+Course = Callable[[float], Any]  # steps (of half the way to the next that is scanned, or so) -> the place there
 Carried = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 

@@ -20,6 +20,11 @@ _SETTLING = 3.0  # time constants in a measurement
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
 
 
+def _scaled(place: float) -> Course:
+    """From a scale or a time constant on to smaller and larger ones."""
+    return lambda steps: place * _HALF**-steps
+
+
 class StiffnessDrift(Cause):
     """mu, lam become mu, lam (1 + d t / T), or settle: (1 + d (1 - exp(-k t / T)) / (1 - exp(-k)))."""
 
@@ -68,7 +73,7 @@ class Softening(Cause):
 
     def courses(self, place: float) -> Sequence[Course]:
         """Of scales."""
-        return (lambda steps: place * _HALF**-steps,)
+        return (_scaled(place),)
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """No further than stress rises with strain."""
@@ -115,7 +120,7 @@ class Viscoelasticity(Cause):
 
     def courses(self, place: float) -> Sequence[Course]:
         """Of time constants."""
-        return (lambda steps: place * _HALF**-steps,)
+        return (_scaled(place),)
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""
