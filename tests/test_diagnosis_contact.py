@@ -63,7 +63,7 @@ def test_walls_push_nothing_at_rest(stopped):
 
 
 def test_a_leaning_wall_leans_by_the_angle():
-    wall = Wall(spot=0, way=tuple(WAY), gap=1.0, wide=True)
+    wall = Wall(spot=(0.0, 0.0, 0.0), way=tuple(WAY), gap=1.0, wide=True)
     leaning = wall.turned(0.2)
     assert [np.dot(w.way, WAY) for w in leaning] == pytest.approx([np.cos(0.2)] * 4)
     assert np.abs(sum(np.array(w.way) for w in leaning) / 4 - np.cos(0.2) * WAY).max() < 1e-12

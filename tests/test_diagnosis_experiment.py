@@ -72,7 +72,7 @@ def test_a_delay_is_told_by_loading_faster(baseline, model):
 
 
 def test_a_cause_cannot_be_told_from_itself(baseline, model):
-    spot, elsewhere = ((int(baseline.scene.spots()[i]), 2.0) for i in (5, 9))
+    spot, elsewhere = (HiddenForce().places(baseline.scene)[i] for i in (5, 9))
     one = assumed(baseline, model, HiddenForce(), [0, 1e-4, 1e-4], spot)
     other = assumed(baseline, model, HiddenForce(), [0, 1e-4, 1e-4], elsewhere)
     same, apart = (separating(baseline, one, second, model, model.s2) for second in (one, other))

@@ -9,7 +9,8 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import Softening, Viscoelasticity
 from veo_ti.diagnosis.causes.measurement import CameraScale
-from veo_ti.diagnosis.placing import _moved, better_place, unsure_of_place
+from veo_ti.diagnosis.fitted import OURS
+from veo_ti.diagnosis.placing import _moved, better_place, measured, unsure_of_place
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.solved import solved
@@ -92,17 +93,23 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
     slope, curve = (share[2] - share[0]) / (2 * step), (cost[0] - 2 * cost[1] + cost[2]) / step**2
     here = near[1]
     placed = unsure_of_place(here)
-    more = placed.placed[0, 0] - here.covariance[0, 0]
+    more = placed.placed.covariance[0, 0] - here.covariance[0, 0]
     assert np.sqrt(more) == pytest.approx(slope / np.sqrt(curve), rel=0.2)  # a step of the course is not a small one
     assert more > here.covariance[0, 0]  # most of what is not known
     assert placed.spread[0] > 1.3 * here.spread[0]
+    ((told, low, high),) = measured(placed)
+    beside_ours = np.sqrt(1 + 2 * OURS**2 * placed.worth)
+    assert (told.name, told.value) == ("time_constant", slow)
+    assert np.log(high / slow) == pytest.approx(np.log(slow / low))
+    assert np.log(high / low) / (2 * 1.96) == pytest.approx(beside_ours / np.sqrt(curve), rel=0.2)
+    assert not measured(here)  # where that was not asked
     assert placed.theta is here.theta and unsure_of_place(replace(here, cause=None)).placed is None
 
 
-def test_of_two_causes_each_goes_along_its_own_course():
+def test_of_two_causes_each_goes_along_its_own_course(scene):  # noqa: F811
     both = Beside(Viscoelasticity(), Softening())
-    before, after = ([on(step) for on in both.courses((2.0, 0.1))] for step in (-1.0, 1.0))
+    before, after = ([on(step) for on in both.courses(scene, (2.0, 0.1))] for step in (-1.0, 1.0))
     assert before[0][0] < 2.0 < after[0][0] and before[0][1] == after[0][1] == 0.1
     assert before[1][1] < 0.1 < after[1][1] and before[1][0] == after[1][0] == 2.0
-    assert [on(0.0) for on in both.courses((2.0, 0.1))] == [(2.0, 0.1)] * 2
-    assert not Beside(CameraScale(), CameraScale()).courses((None, None))
+    assert [on(0.0) for on in both.courses(scene, (2.0, 0.1))] == [(2.0, 0.1)] * 2
+    assert not Beside(CameraScale(), CameraScale()).courses(scene, (None, None))

@@ -8,7 +8,7 @@ import pytest
 
 from veo_ti.diagnosis.causes.other_loads import ForceMagnitude
 from veo_ti.diagnosis.causes.surroundings import HiddenContact
-from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.fitted import Placed, Refit
 from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.sentence import size
 from veo_ti.diagnosis.verdict import Candidate, judge, stands, sufficient
@@ -191,7 +191,7 @@ def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
     one = Fitted(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
-    one.placed = 4 * one.covariance  # half as sure beside an unsure place
+    one.placed = Placed(covariance=4 * one.covariance, steps=np.eye(0))  # half as sure beside an unsure place
     assert Refit.spread.fget(one) == pytest.approx([np.hypot(max(0.05, 2 * np.sqrt(scale)), 0.24)])
 
 

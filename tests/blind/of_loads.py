@@ -109,7 +109,7 @@ def hidden_force(rng: np.random.Generator, scene: Scene) -> Hidden:
         name="hidden_force", start=0.1 * greatest_force(scene), most=0.5 * greatest_force(scene),
         details={"spot": spot.tolist(), "radius": radius, "direction": way.tolist()},
         change=lambda model, f: model.with_force(lambda t: (t > 0) * f * w[:, None] * way),
-        tells=lambda f: named("force", f * way),
+        tells=lambda f: named("force", f * way) | named("spot", spot),
     )  # fmt: skip
 
 
@@ -120,7 +120,8 @@ def hidden_tether(rng: np.random.Generator, scene: Scene) -> Hidden:
     return Hidden(
         name="hidden_tether", start=0.5 * size, most=20 * size, goal=(4.0, 30.0),
         details={"spot": spot.tolist(), "radius": radius},
-        change=lambda model, k: model.with_tie(Springs(k * w)), tells=lambda k: {"stiffness": k},
+        change=lambda model, k: model.with_tie(Springs(k * w)),
+        tells=lambda k: {"stiffness": k} | named("spot", spot),
     )  # fmt: skip
 
 

@@ -59,7 +59,7 @@ def viscoelasticity(rng: np.random.Generator, scene: Scene) -> Hidden:
 
     return Hidden(
         name="viscoelasticity", start=0.3, most=2.0, change=change, goal=(3.0, 20.0),
-        details={"form": form, "tau": tau}, tells=lambda g: {"share": g},
+        details={"form": form, "tau": tau}, tells=lambda g: {"share": g, "time_constant": tau},
     )  # fmt: skip
 
 

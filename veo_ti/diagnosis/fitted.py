@@ -19,6 +19,18 @@ OURS = 0.06  # of a parameter, by which it is off against a finite-element simul
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """How unsure parameters are, and the place along its courses, together."""
+
+    covariance: np.ndarray  # (d, d)
+    steps: np.ndarray  # (c, c)
+
+    def part(self, own: slice, on: slice) -> "Placed":
+        """Of some of the parameters and courses."""
+        return Placed(covariance=self.covariance[own, own], steps=self.steps[on, on])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Refit:
     """The most probable parameters of a cause (None: of the baseline) and what they are worth."""
 
@@ -39,7 +51,8 @@ class Refit:
     numerics: np.ndarray  # (T, N, 3) [m], the discretisation's part
     line: Line  # the fingerprints, and
     told: Solved  # which motion they are of: the last one, or one before
-    placed: np.ndarray | None = None  # (d, d), the covariance where a place along a course is unsure as well
+    placed: Placed | None = None  # how unsure all is where a place along courses is as well
+    whole: "Refit | None" = None  # of two causes, where this is one of them
 
     @property
     def kept(self) -> Fingerprints:
@@ -60,12 +73,12 @@ class Refit:
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        sd = self.sd if self.placed is None else np.maximum(self.sd, np.sqrt(np.diagonal(self.placed)))
+        sd = self.sd if self.placed is None else np.maximum(self.sd, np.sqrt(np.diagonal(self.placed.covariance)))
         return self.beside_ours(sd)
 
     def beside_ours(self, sd: np.ndarray) -> np.ndarray:
         """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
-        covariance = self.covariance if self.placed is None else self.placed
+        covariance = self.covariance if self.placed is None else self.placed.covariance
         return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(covariance)))
 
     @property
@@ -105,14 +118,15 @@ class Refit:
         """One for each cause where there are two, with the parameters that they have together."""
         if not isinstance(self.cause, Beside):
             return (self,)
-        n = len(self.coefficients)
+        n, first = len(self.coefficients), len(self.cause.found.courses(self.without, self.place[0]))
+        parts = zip(self.cause.parts, self.place, (slice(first), slice(first, None)), strict=True)
         return tuple(
             replace(
                 self, cause=cause, place=at, theta=self.theta[own], sd=self.sd[own],
-                covariance=self.covariance[own, own], placed=None if self.placed is None else self.placed[own, own],
-                prior=np.concatenate([self.prior[:n], self.prior[n:][own]]),
+                covariance=self.covariance[own, own], placed=None if self.placed is None else self.placed.part(own, on),
+                prior=np.concatenate([self.prior[:n], self.prior[n:][own]]), whole=self,
             )
-            for (cause, own), at in zip(self.cause.parts, self.place, strict=True)
+            for (cause, own), at, on in parts
         )  # fmt: skip
 
     def taken_in(self) -> "Refit":

@@ -66,7 +66,7 @@ def _patches(scene: Scene, spots: np.ndarray) -> np.ndarray:
     """Weights (S, N) of sum 1 that overlap a little."""
     x = scene.cloud.x[spots]
     apart = float(np.median(cKDTree(x).query(x, 2)[0][:, 1])) if len(spots) > 1 else 0.0
-    return np.stack([scene.patch(spot, max(2 * scene.cloud.spacing, 0.6 * apart)) for spot in spots])
+    return np.stack([scene.patch(centre, max(2 * scene.cloud.spacing, 0.6 * apart)) for centre in x])
 
 
 def _posterior(A: np.ndarray, b: np.ndarray, prior: np.ndarray) -> tuple[float, np.ndarray]:

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from sim.evidence import Posterior, posterior
-from veo_ti.diagnosis.causes.base import Change, Course
+from veo_ti.diagnosis.causes.base import Change, Measure
+from veo_ti.diagnosis.causes.courses import Course
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
-from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.fitted import OURS, Placed, Refit
 from veo_ti.diagnosis.model import Model, shown_by
 from veo_ti.diagnosis.moments import Along, Fingerprints, answered_as_shown
 
 _WORTH = 3.0  # nats that another place must promise
+_SHARES = (1.0, 0.5, 0.25)  # of the way along all courses that is best to first order, which are tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,12 +34,12 @@ def better_place(result: Refit, model: Model) -> Spot:
     also tried at each place as if it were new. Its own place as it was, where none is clearly better.
     """
     here = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
-    cause, courses = result.cause, result.cause.courses(result.place)
+    cause, courses = result.cause, result.cause.courses(result.without, result.place)
     others = cause.places(result.without) if cause.lags else ()
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if courses:
         steps = _along(result, courses, model).mean[-len(courses) :].clip(-1, 1)
-        places += [on(float(step)) for on, step in zip(courses, steps, strict=True)]
+        places += [_gone(result, share * steps) for share in _SHARES]
     if len(places) == 1:
         return here
     ways = [_moved(result, model, places)]
@@ -52,13 +54,45 @@ def better_place(result: Refit, model: Model) -> Spot:
     return Spot(place=places[best], coefficients=coefficients, theta=theta)
 
 
+def _gone(result: Refit, steps: np.ndarray) -> Any:
+    """Where so many steps along every course lead, one after the other."""
+    place = result.place
+    for i, step in enumerate(steps):
+        place = result.cause.courses(result.without, place)[i](float(step))
+    return place
+
+
 def unsure_of_place(result: Refit) -> Refit:
-    """A refit whose intervals hold that its place is unsure, where that lies on a course."""
-    courses = [] if result.cause is None else result.cause.courses(result.place)
+    """A refit whose intervals hold that its place is unsure, where that lies on a course; of one of two causes, that
+    both are."""
+    if result.whole is not None:
+        both = unsure_of_place(result.whole).apart()
+        return replace(result, placed=next(one.placed for one in both if one.cause is result.cause))
+    courses = [] if result.cause is None else result.cause.courses(result.without, result.place)
     if not courses:
         return result
-    own = slice(len(result.coefficients), -len(courses))
-    return replace(result, placed=_along(result, courses, result.line.problem.model).covariance[own, own])
+    found = _along(result, courses, result.line.problem.model).covariance[len(result.coefficients) :]
+    rest = found[:, len(result.coefficients) :]
+    own, on = slice(-len(courses)), slice(-len(courses), None)
+    return replace(result, placed=Placed(covariance=rest[own, own], steps=rest[on, on]))
+
+
+def measured(result: Refit) -> list[tuple[Measure, float, float]]:
+    """What tells the place of a refit of one cause, with the ends of 95 % intervals; nothing where that was not asked.
+
+    `sd^2 = j^T C j`, j the change with a step along each course, with what the simulation gets wrong (`Refit.spread`).
+    """
+    if result.placed is None:
+        return []
+    here, courses = result.cause.measures(result.place), result.cause.courses(result.without, result.place)
+    ends = [[_values(result, on(step)) for step in (-0.5, 0.5)] for on in courses]
+    change = np.array([after - before for before, after in ends])
+    sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * (1 + 2 * OURS**2 * result.worth))
+    return [(measure, *measure.interval(float(s))) for measure, s in zip(here, sd, strict=True)]
+
+
+def _values(result: Refit, place: Any) -> np.ndarray:
+    return np.array([measure.value for measure in result.cause.measures(place)])
 
 
 def _along(result: Refit, courses: Sequence[Course], model: Model) -> Posterior:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sim.cloud import RestCloud
 from sim.energy import Energy
@@ -151,9 +152,14 @@ class Scene:
         """Frames after the reference, (T, 1, 1), 1 or 0: what acts all the time is part of the reference pose."""
         return (np.arange(len(self.time)) > 0).astype(float)[:, None, None]
 
+    @cached_property
+    def free_surface(self) -> np.ndarray:
+        """Indices of the surface points that no support holds."""
+        return np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
+
     def spots(self, count: int = SPOTS) -> np.ndarray:
         """Indices of about `count` free surface points spread evenly (farthest-point sampling)."""
-        free = np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
+        free = self.free_surface
         x = self.cloud.x[free]
         chosen, distance = [int(np.argmax(x[:, 2]))], np.full(len(x), np.inf)
         for _ in range(min(count, len(x)) - 1):
@@ -161,16 +167,22 @@ class Scene:
             chosen.append(int(np.argmax(distance)))
         return free[chosen]
 
-    def spots_near(self, point: int, count: int) -> np.ndarray:
-        """Up to `count` other free surface points about as near to `point` as the spots are to each other."""
-        free = np.flatnonzero(self.cloud.surface & ~self.energy.fixed)
-        distance = np.linalg.norm(self.cloud.x[free] - self.cloud.x[point], axis=1)
+    def nearest(self, point: ArrayLike) -> int:
+        """The index of the free surface point that is nearest to a point (3,) [m]."""
+        return int(self.free_surface[np.linalg.norm(self.cloud.x[self.free_surface] - point, axis=1).argmin()])
+
+    def spots_near(self, centre: ArrayLike, count: int) -> np.ndarray:
+        """Up to `count` other free surface points about as near to a centre (3,) [m] as the spots are to each other."""
+        free = self.free_surface
+        distance = np.linalg.norm(self.cloud.x[free] - centre, axis=1)
         reach = np.sort(distance)[min(3 * len(free) // SPOTS, len(free) - 1)]
         inside = free[(distance <= max(reach, 1.5 * self.cloud.spacing)) & (distance > 0)]
         return inside[np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(int)]
 
-    def patch(self, point: int, radius: float) -> np.ndarray:
-        """Weights (N,) of sum 1, a Gaussian around a point on the free points."""
-        d = np.linalg.norm(self.cloud.x - self.cloud.x[point], axis=1)
-        w = np.exp(-0.5 * (d / radius) ** 2) * ~self.energy.fixed
-        return np.where(w > 1e-3, w, 0.0) / w[w > 1e-3].sum()
+    def patch(self, centre: ArrayLike, radius: float) -> np.ndarray:
+        """Weights (N,) of sum 1, a Gaussian around a centre (3,) [m] on the points of the free surface."""
+        free, weights = self.free_surface, np.zeros(self.cloud.count)
+        far = (np.linalg.norm(self.cloud.x[free] - centre, axis=1) / radius) ** 2
+        w = np.exp(-0.5 * (far - far.min()))
+        weights[free] = np.where(w > 1e-3, w, 0.0) / w[w > 1e-3].sum()
+        return weights

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.sensitivity import Past
 from sim.terms.base import Term
+from veo_ti.diagnosis.causes.courses import Course
 from veo_ti.diagnosis.scene import Scene
 
 _FOLDS = 2.0  # powers of e, by which the distance from the most that a parameter can be may change in one step
@@ -26,6 +27,22 @@ class Parameter:
     most: float = np.inf  # which it never reaches: nothing would be left to deform, or a body would turn over
 
 
+@dataclass(frozen=True)
+class Measure:
+    """A number that tells a place, such as a coordinate; of a scale how unsure it is, is told in its logarithm."""
+
+    name: str
+    unit: str
+    value: float
+    scale: bool = False
+
+    def interval(self, sd: float) -> tuple[float, float]:
+        """The ends of its 95 % interval."""
+        reach = 1.96 * sd
+        factor = float(np.exp(min(reach / self.value, 700.0))) if self.scale else 1.0
+        return (self.value / factor, self.value * factor) if self.scale else (self.value - reach, self.value + reach)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
     """What a cause does at given parameters: terms that join the energy, and what tracking makes of the positions."""
@@ -34,7 +51,6 @@ class Change:
     observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
 
 
-Course = Callable[[float], Any]  # steps (of half the way to the next that is scanned, or so) -> the place there
 Carried = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -101,8 +117,12 @@ class Cause:
         """Places between `place` and the others that were scanned, for a closer look."""
         return ()
 
-    def courses(self, place: Any) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: Any) -> Sequence[Course]:
         """Those on which the place lies, such as that of time constants."""
+        return ()
+
+    def measures(self, place: Any) -> Sequence[Measure]:
+        """What tells a place that lies on courses in numbers."""
         return ()
 
     def laws(self, scene: Scene) -> Sequence[Any]:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from sim.sensitivity import Past
-from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Course
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change
+from veo_ti.diagnosis.causes.courses import Course
 from veo_ti.diagnosis.scene import Scene
 
 Places = tuple[Any, Any]  # of the cause that was found, of the one beside it
@@ -91,11 +92,11 @@ class Beside(Cause):
         moved = [] if self.found.lags else [(to, second) for to in self.found.near(scene, first)]
         return moved if self.other.lags else moved + [(first, to) for to in self.other.near(scene, second)]
 
-    def courses(self, place: Places) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: Places) -> Sequence[Course]:
         """Of each, the other one where it is."""
         first, second = place
-        own: list[Course] = [lambda steps, on=on: (on(steps), second) for on in self.found.courses(first)]
-        return own + [lambda steps, on=on: (first, on(steps)) for on in self.other.courses(second)]
+        own: list[Course] = [lambda steps, on=on: (on(steps), second) for on in self.found.courses(scene, first)]
+        return own + [lambda steps, on=on: (first, on(steps)) for on in self.other.courses(scene, second)]
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Places, np.ndarray] | None:
         """Of each: the first one, too, goes on from another motion than alone."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.laws.neo_hookean import NeoHookean
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.loads import AtSpot, Spot, added, at_spot
+from veo_ti.diagnosis.causes.loads import AtSpot, Patch, added, around
 from veo_ti.diagnosis.causes.material import extra
 from veo_ti.diagnosis.scene import Scene
 
@@ -34,7 +34,7 @@ class Disconnection(Cause):
     def near(self, scene: Scene, place: Cut) -> Sequence[Cut]:
         """Spots around it, deeper and shallower."""
         spot, n, reach = place
-        spots = (spot, *(int(s) for s in scene.spots_near(spot, 8)))
+        spots = (spot, *(int(s) for s in scene.spots_near(scene.cloud.x[spot], 8)))
         return [(s, n, share * reach) for s in spots for share in (0.7, 1.0, 1.4)]
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
@@ -53,7 +53,7 @@ class Disconnection(Cause):
     def describe(self, scene: Scene, place: Cut) -> str:
         """Where, and in which plane."""
         spot, n, reach = place
-        return f"{at_spot(scene, spot)}, {1e3 * reach:.0f} mm deep, across ({n[0]:.2f}, {n[1]:.2f}, {n[2]:.2f})"
+        return f"{around(scene.cloud.x[spot])}, {1e3 * reach:.0f} mm deep, across ({n[0]:.2f}, {n[1]:.2f}, {n[2]:.2f})"
 
 
 class AddedMass(AtSpot):
@@ -75,7 +75,7 @@ class AddedMass(AtSpot):
         fastest = np.linalg.norm(self._pull(scene), axis=2).max()
         return np.array([0.2 * scene.largest_force / max(float(fastest), 1e-300)])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Patch) -> Change:
         """Spread around the spot; it follows the baseline's motion."""
         return added(theta[0] * self.patch(scene, place)[:, None] * self._pull(scene))
 

@@ -9,20 +9,15 @@ from sim.laws.history import green_strain, largest, viscous
 from sim.laws.neo_hookean import NeoHookean
 from sim.recollection import Damaged, Passing, PassingDamage, Recollection
 from sim.sensitivity import Past
-from veo_ti.diagnosis.causes.base import Cause, Change, Course, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.courses import Course, scaled
 from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
 _BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a scale or a time constant, for a closer look
-_HALF = 0.7  # of one, that is half a step before it
 _SETTLING = 3.0  # time constants in a measurement
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
-
-
-def _scaled(place: float) -> Course:
-    """From a scale or a time constant on to smaller and larger ones."""
-    return lambda steps: place * _HALF**-steps
 
 
 class StiffnessDrift(Cause):
@@ -71,9 +66,13 @@ class Softening(Cause):
         """Scales in between."""
         return [place * factor for factor in _BETWEEN]
 
-    def courses(self, place: float) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: float) -> Sequence[Course]:
         """Of scales."""
-        return (_scaled(place),)
+        return (scaled(place),)
+
+    def measures(self, place: float) -> Sequence[Measure]:
+        """The scale."""
+        return (Measure("half_done_at", "of mu", place / 2, scale=True),)
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """No further than stress rises with strain."""
@@ -118,9 +117,13 @@ class Viscoelasticity(Cause):
         """Time constants in between."""
         return [place * factor for factor in _BETWEEN]
 
-    def courses(self, place: float) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: float) -> Sequence[Course]:
         """Of time constants."""
-        return (_scaled(place),)
+        return (scaled(place),)
+
+    def measures(self, place: float) -> Sequence[Measure]:
+        """The time constant."""
+        return (Measure("time_constant", "s", place, scale=True),)
 
     def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """A branch whose viscous strain follows the simulated motion; what it takes of the strain now moves with it."""

@@ -1,13 +1,15 @@
 """Causes in the loads: there is a force that nobody knows of."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sim.terms.handles import Handles
 from sim.terms.loads import AppliedForce
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled
 from veo_ti.diagnosis.scene import Scene
 
 NEAR = 12  # spots of a closer look
@@ -21,29 +23,46 @@ def added(force: np.ndarray) -> Change:
     return Change(terms=(AppliedForce(force=force),))
 
 
-Spot = tuple[int, float]  # a point, and over how many spacings a cause is spread around it
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A place on the surface, around which a cause is spread."""
+
+    centre: tuple[float, float, float]  # [m]
+    radius: float  # [m], of a Gaussian
 
 
 class AtSpot(Cause):
     """A cause that acts somewhere on the free surface, which is scanned."""
 
-    def places(self, scene: Scene) -> Sequence[Spot]:
+    def places(self, scene: Scene) -> Sequence[Patch]:
         """Spots over the free surface."""
-        return [(int(s), _SPREAD) for s in scene.spots()]
+        radius = _SPREAD * scene.cloud.spacing
+        return [Patch(centre=tuple(x), radius=radius) for x in scene.cloud.x[scene.spots()].tolist()]
 
-    def near(self, scene: Scene, place: Spot) -> Sequence[Spot]:
+    def near(self, scene: Scene, place: Patch) -> Sequence[Patch]:
         """Spots around it, and a narrower and wider one there."""
-        spot, spread = place
-        around = [(int(s), spread) for s in scene.spots_near(spot, NEAR)]
-        return [*around, *((spot, factor * spread) for factor in (0.6, 1.4, 2.0))]
+        spots = scene.cloud.x[scene.spots_near(place.centre, NEAR)].tolist()
+        wider = [replace(place, radius=factor * place.radius) for factor in (0.6, 1.4, 2.0)]
+        return [*(replace(place, centre=tuple(x)) for x in spots), *wider]
 
-    def patch(self, scene: Scene, place: Spot) -> np.ndarray:
+    def courses(self, scene: Scene, place: Patch) -> Sequence[Course]:
+        """Two along the surface, by a radius, and one of radii."""
+        sides = along_surface(scene, place.centre, place.radius)
+        along = [lambda steps, on=on: replace(place, centre=on(steps)) for on in sides]
+        return (*along, lambda steps: replace(place, radius=scaled(place.radius)(steps)))
+
+    def measures(self, place: Patch) -> Sequence[Measure]:
+        """Its centre and its radius."""
+        centre = [Measure(f"spot_{axis}", "m", value) for axis, value in zip("xyz", place.centre, strict=True)]
+        return (*centre, Measure("radius", "m", place.radius, scale=True))
+
+    def patch(self, scene: Scene, place: Patch) -> np.ndarray:
         """Weights (N,) of sum 1 around the place."""
-        return scene.patch(place[0], place[1] * scene.cloud.spacing)
+        return scene.patch(place.centre, place.radius)
 
-    def describe(self, scene: Scene, place: Spot) -> str:
+    def describe(self, scene: Scene, place: Patch) -> str:
         """Where."""
-        return at_spot(scene, place[0])
+        return around(place.centre)
 
 
 class HiddenForce(AtSpot):
@@ -57,7 +76,7 @@ class HiddenForce(AtSpot):
         """A fifth of the largest load; without one, what would shear a patch of some spacings by a few per cent."""
         return np.full(3, 0.2 * scene.largest_force)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Patch) -> Change:
         """Spread around the spot."""
         return added(scene.moving * self.patch(scene, place)[:, None] * theta)
 
@@ -73,7 +92,7 @@ class HiddenTether(AtSpot):
         """What would hold a patch of some spacings about as stiffly as the material around it."""
         return np.array([10 * float(np.median(scene.mu)) * scene.cloud.spacing])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Spot) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Patch) -> Change:
         """Springs spread around the spot."""
         w = self.patch(scene, place)
         held = np.flatnonzero(w)
@@ -123,7 +142,7 @@ def _strength_known(scene: Scene, theta: np.ndarray, spread: np.ndarray) -> floa
     return float(np.linalg.norm(spread * tilted / max(float(np.linalg.norm(tilted)), 1e-300)))
 
 
-def at_spot(scene: Scene, point: int) -> str:
-    """A place in words."""
-    x, y, z = 1e3 * scene.cloud.x[point]
+def around(centre: Sequence[float]) -> str:
+    """A place [m] in words."""
+    x, y, z = 1e3 * np.asarray(centre)
     return f"around ({x:.0f}, {y:.0f}, {z:.0f}) mm"

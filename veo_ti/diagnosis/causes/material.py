@@ -7,10 +7,12 @@ import numpy as np
 
 from sim.laws.extra import Fibre, VolumetricChange, YeohStiffening
 from sim.terms.material import ExtraLaw
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.courses import Course, across, turned
 from veo_ti.diagnosis.scene import Scene
 
 AXES = 30
+_BETWEEN = 0.17  # [rad] from one axis half the way to the next
 
 
 def extra(
@@ -97,10 +99,17 @@ class FibreAnisotropy(Cause):
 
     def near(self, scene: Scene, place: np.ndarray) -> Sequence[np.ndarray]:
         """Axes in a ring around it, half as far as the next one."""
-        across = np.linalg.svd(place[None])[2][1:]
-        turns = np.pi * np.arange(8) / 4
-        axes = place + 0.17 * (np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1])
+        turns, sides = np.pi * np.arange(8) / 4, across(place)
+        axes = place + _BETWEEN * (np.cos(turns)[:, None] * sides[0] + np.sin(turns)[:, None] * sides[1])
         return list(axes / np.linalg.norm(axes, axis=1)[:, None])
+
+    def courses(self, scene: Scene, place: np.ndarray) -> Sequence[Course]:
+        """Axes that turn about two others."""
+        return [lambda steps, on=on: np.array(on(steps)) for on in turned(place, _BETWEEN)]
+
+    def measures(self, place: np.ndarray) -> Sequence[Measure]:
+        """The axis."""
+        return [Measure(f"axis_{axis}", "-", float(value)) for axis, value in zip("xyz", place, strict=True)]
 
     def change(self, scene: Scene, theta: np.ndarray, place: np.ndarray) -> Change:
         """One family of fibres along `place`."""

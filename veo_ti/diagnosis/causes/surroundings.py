@@ -9,8 +9,9 @@ import numpy as np
 from sim.laws.reference import LinearStress
 from sim.terms.contact import Contact
 from sim.terms.shapes import Plane
-from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
-from veo_ti.diagnosis.causes.loads import added, at_spot
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
+from veo_ti.diagnosis.causes.loads import added, around
 from veo_ti.diagnosis.causes.material import extra
 from veo_ti.diagnosis.scene import Scene
 
@@ -21,23 +22,24 @@ _FACES = (0.5, 0.75, 0.95)  # of the farthest that any point was seen to go, whe
 _WAYS, _APART = 8, np.cos(np.deg2rad(25))  # directions into wide walls at most, and the cosine between them
 _STRONG = 0.3  # of the largest residual or load, that is asked for a direction
 _TURNS = np.deg2rad((12, 4))  # of a wide wall in a closer look
+_TURN = np.deg2rad(6)  # of any, half a step on
 
 Way = tuple[float, float, float]  # a unit vector
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wall:
-    """A half space in the way: behind a gap [m] before a spot and felt around it, or wide, before all of the object."""
+    """A half space in the way: a gap [m] before a spot [m] and felt around it, or wide, before all of the object."""
 
-    spot: int
+    spot: tuple[float, float, float]
     way: Way  # in which the object runs into it
     gap: float
     wide: bool = False
 
     def face(self, x: np.ndarray) -> np.ndarray:
         """A point of it."""
-        along = x @ np.array(self.way)
-        return (self.gap + (along.max() if self.wide else along[self.spot])) * np.array(self.way)
+        n = np.array(self.way)
+        return (self.gap + ((x @ n).max() if self.wide else np.array(self.spot) @ n)) * n
 
     def turned(self, angle: float) -> "list[Wall]":
         """Walls like it that lean to four sides."""
@@ -62,18 +64,34 @@ class HiddenContact(Cause):
         farthest = u.max(axis=0)
         spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()] or [int(farthest.argmax())]
         ways = {s: _way(scene, s) for s in sorted(spots, key=lambda s: -farthest[s])}
-        small = [Wall(spot=s, way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS]
+        small = [
+            Wall(spot=_at(scene, s), way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS
+        ]
         into = _distinct([*_kept_from(scene), *_pushed(scene), *ways.values()])
         return small + [wall for way in into for wall in _wide(scene, way)]
 
     def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
-        """Nearer and farther walls, there and at some spots around, or leaning a little."""
+        """Nearer and farther walls, there and at some spots around, across the motion now; or leaning a little."""
         gaps = [share * place.gap for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
         if place.wide:
             leaning = [wall for turn in _TURNS for wall in place.turned(turn)]
             return [replace(w, gap=gap) for w in (place, *leaning) for gap in gaps]
-        spots = (place.spot, *map(int, scene.spots_near(place.spot, 4)))
-        return [Wall(spot=s, way=_way(scene, s), gap=gap) for s in spots for gap in gaps]
+        here = replace(place, way=_way(scene, scene.nearest(place.spot)))
+        others = [replace(place, spot=_at(scene, s), way=_way(scene, s)) for s in scene.spots_near(place.spot, 4)]
+        return [replace(w, gap=gap) for w in (place, here, *others) for gap in gaps]
+
+    def courses(self, scene: Scene, place: Wall) -> Sequence[Course]:
+        """Of gaps, two of ways, and two along the surface where it is felt around a spot."""
+        leaning = turned(place.way, _TURN, sideways(scene, place.spot))
+        turns = [lambda steps, on=on: replace(place, way=on(steps)) for on in leaning]
+        sides = () if place.wide else along_surface(scene, place.spot, scene.cloud.spacing)
+        moves = [lambda steps, on=on: replace(place, spot=on(steps)) for on in sides]
+        return (lambda steps: replace(place, gap=scaled(place.gap)(steps)), *turns, *moves)
+
+    def measures(self, place: Wall) -> Sequence[Measure]:
+        """Its gap, and the way into it."""
+        way = [Measure(f"way_{axis}", "-", value) for axis, value in zip("xyz", place.way, strict=True)]
+        return (Measure("gap", "m", place.gap, scale=True), *way)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A hard wall: it bears the largest load, pressed in by a twentieth of the largest motion in a small patch."""
@@ -86,13 +104,13 @@ class HiddenContact(Cause):
         if theta[0] <= 0:
             return Change()
         x, n, face = scene.cloud.x, np.array(place.way), place.face(scene.cloud.x)
-        near = place.wide | (np.linalg.norm(x - x[place.spot], axis=1) < _REACH * scene.cloud.spacing)
+        near = place.wide | (np.linalg.norm(x - place.spot, axis=1) < _REACH * scene.cloud.spacing)
         volume = (near & ((x - face) @ n < 0)) * scene.cloud.volume
         return Change(terms=(Contact(shape=Plane(normal=-n), volume=volume, alpha=float(theta[0]), position=face),))
 
     def describe(self, scene: Scene, place: Wall) -> str:
         """Where, and how far away."""
-        return f"{at_spot(scene, place.spot)}, {1e3 * place.gap:.1f} mm away"
+        return f"{around(place.spot)}, {1e3 * place.gap:.1f} mm away"
 
 
 def _way(scene: Scene, spot: int) -> Way:
@@ -135,7 +153,13 @@ def _wide(scene: Scene, way: Way) -> list[Wall]:
     along = (scene.y + scene.residual)[scene.train] @ n
     frame, spot = np.unravel_index(along.argmax(), along.shape)
     beyond = float(along[frame, spot] - (scene.cloud.x @ n).max())
-    return [Wall(spot=int(spot), way=way, gap=share * beyond, wide=True) for share in _FACES] if beyond > 0 else []
+    if beyond <= 0:
+        return []
+    return [Wall(spot=_at(scene, int(spot)), way=way, gap=share * beyond, wide=True) for share in _FACES]
+
+
+def _at(scene: Scene, point: int) -> tuple[float, float, float]:
+    return tuple(scene.cloud.x[point].tolist())
 
 
 class SupportCompliance(Cause):
