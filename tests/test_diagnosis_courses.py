@@ -84,7 +84,8 @@ def test_an_interval_holds_how_unsure_the_spot_is(model, pulled, spot):  # noqa:
         more = alone.placed.covariance - one.covariance
         assert alone.placed.covariance == pytest.approx(whole_one.placed.covariance)
         assert (np.linalg.eigvalsh(more) > -1e-9 * one.covariance.max()).all()
-    force = unsure_of_place(found.apart()[0])
+    force, scale = (unsure_of_place(one) for one in found.apart())
+    assert len(measured(force)) == 4 and not measured(scale)  # a scale has no place
     assert (force.spread > 1.02 * found.apart()[0].spread).any()
 
 

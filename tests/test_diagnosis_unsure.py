@@ -106,21 +106,24 @@ def test_before_two_at_once_all_that_promise_something_are_refitted(explains, mo
 
 
 @pytest.mark.parametrize(
-    ("explained", "energy", "better", "kind", "names"),
+    ("explained", "energy", "better", "kind", "names", "exact"),
     [
-        (0.994, 9.0, 0.9999, "named", ["b"]),  # seed 9084: a drag was called a creeping material
-        (0.994, 9.0, None, "named", ["a"]),
-        (0.994, 3.0, 0.9999, "named", ["a"]),  # it leaves noise
-        (0.998, 9.0, 0.9999, "named", ["a"]),  # or what our own error of it may be
-        (0.994, 9.0, 0.994, "ambiguous", ["a", "b"]),
+        (0.994, 9.0, 0.9999, "named", ["b"], False),  # seed 9084: a drag was called a creeping material
+        (0.994, 9.0, None, "named", ["a"], False),
+        (0.994, 3.0, 0.9999, "named", ["a"], False),  # it leaves noise
+        (0.998, 9.0, 0.9999, "named", ["a"], False),  # or what our own error of it may be,
+        (0.998, 9.0, 0.9999, "named", ["b"], True),  # which is less of a steady force;
+        (0.9997, 9.0, 0.9999, "named", ["a"], True),  # not none
+        (0.994, 9.0, 0.994, "ambiguous", ["a", "b"], False),
     ],
 )
 def test_others_are_refitted_too_where_a_name_leaves_more_than_noise(
-    explained, energy, better, kind, names, monkeypatch
+    explained, energy, better, kind, names, exact, monkeypatch
 ):
     """Though there is nothing to look for in what it leaves."""
     a, b = left_by("a", explained), left_by("b", better or 0.0)
     a = replace(a, misfit=replace(a.misfit, energy=energy))
+    a.refit.cause.exact = exact
     first = replace(unexplained_by(a), verdict=named(a), extended=a.refit)
     then = {"named": named(b), "ambiguous": either((a, b))}[kind] if better else named(a)
     monkeypatch.setattr(run, "_second", lambda *given: None)

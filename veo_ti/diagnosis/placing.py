@@ -82,9 +82,10 @@ def measured(result: Refit) -> list[tuple[Measure, float, float]]:
 
     `sd^2 = j^T C j`, j the change with a step along each course, with what the simulation gets wrong (`Refit.spread`).
     """
-    if result.placed is None:
+    courses = [] if result.placed is None else result.cause.courses(result.without, result.place)
+    if not courses:
         return []
-    here, courses = result.cause.measures(result.place), result.cause.courses(result.without, result.place)
+    here = result.cause.measures(result.place)
     ends = [[_values(result, on(step)) for step in (-0.5, 0.5)] for on in courses]
     change = np.array([after - before for before, after in ends])
     sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * (1 + 2 * OURS**2 * result.worth))

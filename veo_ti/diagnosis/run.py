@@ -32,6 +32,8 @@ from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 from veo_ti.kept import key_of
 
+_EXACTLY = 0.02  # of what an exact cause does, instead of OURS: docs/diagnosis.md
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
@@ -172,7 +174,8 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
 
 def _doubtful(found: Candidate) -> bool:
     """Whether more is left than noise and our own error of what a cause does."""
-    return found.misfit.z > MISFIT and 1 - found.explained > OURS**2
+    ours = _EXACTLY if found.refit.cause.exact else OURS
+    return found.misfit.z > MISFIT and 1 - found.explained > ours**2
 
 
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:

@@ -70,6 +70,7 @@ class HiddenForce(AtSpot):
 
     name = "hidden_force"
     sentence = "A constant force that nobody recorded pulls at one spot."
+    exact = True
     parameters = tuple(Parameter(name=f"force_{a}", unit="N", sd=1.0) for a in "xyz")
 
     def widths(self, scene: Scene) -> np.ndarray:
@@ -104,6 +105,7 @@ class GravityDirection(Cause):
 
     name = "gravity_direction"
     sentence = "The object is tilted against gravity compared with its reference pose."
+    exact = True
     parameters = tuple(Parameter(name=f"change_{a}", unit="m/s2", sd=1.0) for a in "xyz")
     needs_mass = True
 

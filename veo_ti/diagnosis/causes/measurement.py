@@ -13,6 +13,7 @@ class CameraScale(Cause):
 
     name = "camera_scale"
     sentence = "The cameras' scale changed after the reference frame."
+    exact = True
     parameters = (
         Parameter(name="scale", unit="-", sd=0.01),
         *(Parameter(name=f"shift_{a}", unit="m", sd=1e-3) for a in "xyz"),
