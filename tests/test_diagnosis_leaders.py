@@ -7,7 +7,7 @@ import pytest
 
 from veo_ti.diagnosis import leaders, looks
 from veo_ti.diagnosis.effort import Effort
-from veo_ti.diagnosis.leaders import as_likely, leaders_of, look_alikes, waiting
+from veo_ti.diagnosis.leaders import as_likely, leaders_of, likeliest, look_alikes, waiting
 from veo_ti.diagnosis.placing import Spot
 
 
@@ -41,6 +41,14 @@ def test_what_promises_to_explain_hardly_anything_is_not_refitted():
     """However sure it is: the best of those that promise enough leads."""
     first, others = leaders_of([*scores(("a", 500, 1), explained=0.2), *scores(("b", 100, 1), explained=0.3)], 0.05)
     assert names(first) == "b" and not others
+
+
+def test_beside_a_cause_those_are_likeliest_for_which_nearly_as_much_speaks():
+    """Seed 5102: beside a drag a creeping material promised a third of what was left; a late load nothing."""
+    every = [*scores(("a", 237, 0.3), explained=0.29), *scores(("b", 202, 0.4), ("c", 202, 0.04), explained=-0.1)]
+    few = scores(("d", 195, 0.4), ("e", 194, 0.3), ("f", 135, 0.4), explained=0.1)
+    assert names(likeliest([*every, *few], 0.05)) == "abd"
+    assert not likeliest(scores(("a", 19, 1)), 0.05) and not likeliest([], 0.05)
 
 
 def test_at_most_three_wait():

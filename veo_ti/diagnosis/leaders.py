@@ -49,9 +49,10 @@ def waiting(
 
 
 def likeliest(scores: Sequence[Score], keep: float) -> list[Score]:
-    """The one for which most speaks, however little it promises to first order: beside a cause that takes up what is
-    its own, that says nothing."""
-    return [s for s in _spoken_for(scores, keep)[:1] if s.log_bayes > _CLEARLY]
+    """The one for which most speaks, and those for which nearly as much does, however little they promise to first
+    order: beside a cause that takes up what is their own, that says nothing."""
+    spoken = _spoken_for(scores, keep)[:_COUNT]
+    return [s for s in spoken if s.log_bayes > max(_CLEARLY, _AS_MUCH * spoken[0].log_bayes)]
 
 
 def as_likely(scores: Sequence[Score], leaders: Sequence[Score], keep: float) -> list[Score]:

@@ -80,10 +80,10 @@ def look(
         return quiet
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
     clear = likeliest(scores, keep) if current.cause is not None and misfit.z > CLEAR else []
-    if left.like_noise and not any(s.explained > EXPLAINED for s in clear):
+    if left.like_noise and not any(s.explained > EXPLAINED for s in clear[:1]):
         return replace(quiet, verdict=nothing(even=True))
     leaders, others = leaders_of(scores, keep)
-    leaders = leaders or clear
+    leaders += [s for s in clear if s not in leaders]
     if not shadow:
         leaders += as_likely(scores, leaders, keep)
     rough = _ROUGHLY * counted(taken.scene, noise, modes)
