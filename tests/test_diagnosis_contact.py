@@ -13,7 +13,7 @@ from sim.newton import equilibrate
 from sim.terms.contact import Contact
 from sim.terms.loads import AppliedForce
 from sim.terms.shapes import Plane
-from veo_ti.diagnosis.causes.surroundings import HiddenContact, Wall
+from veo_ti.diagnosis.causes.surroundings import HiddenContact
 
 WAY, ELSEWHERE = np.array([0.0, 0.6, 0.8]), np.array([0.0, 0.0, -1.0])
 
@@ -60,10 +60,3 @@ def test_walls_push_nothing_at_rest(stopped):
     for wall in HiddenContact().places(stopped):
         (term,) = HiddenContact().change(stopped, np.ones(1), wall).terms
         assert not term.gradient(stopped.cloud.x[None]).any()
-
-
-def test_a_leaning_wall_leans_by_the_angle():
-    wall = Wall(spot=(0.0, 0.0, 0.0), way=tuple(WAY), gap=1.0, wide=True)
-    leaning = wall.turned(0.2)
-    assert [np.dot(w.way, WAY) for w in leaning] == pytest.approx([np.cos(0.2)] * 4)
-    assert np.abs(sum(np.array(w.way) for w in leaning) / 4 - np.cos(0.2) * WAY).max() < 1e-12

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from sim.cloud import RestCloud
@@ -159,7 +160,13 @@ def test_a_patch_lies_on_the_free_surface(scene, spot):  # noqa: F811
 
 
 def test_an_axis_turns_by_the_angle():
-    way = np.array([0.6, 0.0, 0.8])
+    """To four sides evenly, and with the object."""
+    way, beside = np.array([0.6, 0.0, 0.8]), np.array([0.1, 0.3, -0.2])
+    around = np.array([on(side) for on in turned(way, 0.1, beside) for side in (1.0, -1.0)])
+    assert around.mean(axis=0) == pytest.approx(np.cos(0.1) * way)
+    turn = Rotation.from_rotvec([0.4, -1.0, 0.7])
+    again = np.array([on(side) for on in turned(turn.apply(way), 0.1, turn.apply(beside)) for side in (1.0, -1.0)])
+    assert turn.apply(around)[:2] == pytest.approx(again[:2])  # the others likewise, or the other way around
     ends = np.array([on(1.0) for on in turned(way, 0.1)])
     assert ends @ way == pytest.approx(np.full(2, np.cos(0.1)))
     assert np.linalg.norm(ends, axis=1) == pytest.approx(np.ones(2))

@@ -41,14 +41,6 @@ class Wall:
         n = np.array(self.way)
         return (self.gap + ((x @ n).max() if self.wide else np.array(self.spot) @ n)) * n
 
-    def turned(self, angle: float) -> "list[Wall]":
-        """Walls like it that lean to four sides."""
-        n = np.array(self.way)
-        side = np.cross(n, np.eye(3)[np.abs(n).argmin()])
-        side /= np.linalg.norm(side)
-        ways = [np.cos(angle) * n + s * np.sin(angle) * e for e in (side, np.cross(n, side)) for s in (1, -1)]
-        return [replace(self, way=tuple(w.tolist())) for w in ways]
-
 
 class HiddenContact(Cause):
     """E_c = sum V_i alpha min(0, d_i)^2 for a wall that is felt near a spot, or for a wide one."""
@@ -74,7 +66,7 @@ class HiddenContact(Cause):
         """Nearer and farther walls, there and at some spots around, across the motion now; or leaning a little."""
         gaps = [share * place.gap for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
         if place.wide:
-            leaning = [wall for turn in _TURNS for wall in place.turned(turn)]
+            leaning = [on(side) for turn in _TURNS for on in _leaning(scene, place, turn) for side in (1.0, -1.0)]
             return [replace(w, gap=gap) for w in (place, *leaning) for gap in gaps]
         here = replace(place, way=_way(scene, scene.nearest(place.spot)))
         others = [replace(place, spot=_at(scene, s), way=_way(scene, s)) for s in scene.spots_near(place.spot, 4)]
@@ -82,11 +74,9 @@ class HiddenContact(Cause):
 
     def courses(self, scene: Scene, place: Wall) -> Sequence[Course]:
         """Of gaps, two of ways, and two along the surface where it is felt around a spot."""
-        leaning = turned(place.way, _TURN, sideways(scene, place.spot))
-        turns = [lambda steps, on=on: replace(place, way=on(steps)) for on in leaning]
         sides = () if place.wide else along_surface(scene, place.spot, scene.cloud.spacing)
         moves = [lambda steps, on=on: replace(place, spot=on(steps)) for on in sides]
-        return (lambda steps: replace(place, gap=scaled(place.gap)(steps)), *turns, *moves)
+        return (lambda steps: replace(place, gap=scaled(place.gap)(steps)), *_leaning(scene, place, _TURN), *moves)
 
     def measures(self, place: Wall) -> Sequence[Measure]:
         """Its gap, and the way into it."""
@@ -111,6 +101,12 @@ class HiddenContact(Cause):
     def describe(self, scene: Scene, place: Wall) -> str:
         """Where, and how far away."""
         return f"{around(place.spot)}, {1e3 * place.gap:.1f} mm away"
+
+
+def _leaning(scene: Scene, wall: Wall, angle: float) -> list[Course]:
+    """Two courses of walls that lean, by an angle [rad] a step."""
+    ways = turned(wall.way, angle, sideways(scene, wall.spot))
+    return [lambda steps, on=on: replace(wall, way=on(steps)) for on in ways]
 
 
 def _way(scene: Scene, spot: int) -> Way:
