@@ -133,3 +133,29 @@ def test_others_are_refitted_too_where_a_name_leaves_more_than_noise(
         found = run._rounds(first, start, causes, str)
         told = [c.name for c in found[0].verdict.causes]
         assert (found[0].verdict.kind, told) == ((kind, names) if causes else ("named", ["a"]))
+
+
+@pytest.mark.parametrize(
+    ("exact", "energy", "found", "names"),
+    [
+        (True, 100.0, True, ["b", "c"]),  # seed 5083: a tilt and a force looked like another force
+        (True, 100.0, False, ["a"]),  # noise that neighbours share, as it seems
+        (False, 100.0, True, ["a"]),
+        (True, 15.0, True, ["a"]),  # not clear
+    ],
+)
+def test_what_an_exact_cause_leaves_evenly_and_clearly_may_be_that_of_two_others(
+    exact, energy, found, names, monkeypatch
+):
+    a, b, c = left_by("a", 0.998), left_by("b", 0.98), left_by("c", 0.9)
+    a = replace(a, misfit=replace(a.misfit, energy=energy))
+    a.refit.cause.exact = exact
+    first = replace(unexplained_by(a), verdict=named(a), extended=a.refit)
+    more = replace(unexplained_by(), verdict=Verdict(kind="no_misfit", causes=(), sentence=""))
+    both = tuple(replace(unexplained_by(one), verdict=named(one)) for one in (b, c))
+    monkeypatch.setattr(run, "_second", lambda *given: more)
+    monkeypatch.setattr(run, "widened", lambda found, *given: replace(found, candidates=(a, b), verdict=named(a)))
+    monkeypatch.setattr(run, "two_at_once", lambda *given, but: both if found else None)
+    start = SimpleNamespace(given=(), beside=None, modes=None, model=LASTING)
+    rounds = run._rounds(first, start, [a.refit.cause], str)
+    assert [one.name for r in rounds for one in r.verdict.causes] == names

@@ -150,7 +150,8 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     Where nothing is known that explains what a named cause leaves, and that is more than it may leave itself, all that
     promise something are refitted: another may explain it. If nothing explains it, that is no reason against another
     which leaves more, but explains nearly all as well: either may be there, beside something else. Without such
-    another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little.
+    another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little. What an
+    exact cause leaves may go on like noise and be clear: then it may imitate two that act all the time.
     """
     found, more = first.verdict.causes[0], _second(first.verdict.causes[0], start, causes, say)
     if start.model.effort.over:
@@ -163,13 +164,15 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     name = wider.verdict.causes[0].name if wider.verdict.kind == "named" else None
     if name != found.name and (name or not lost):
         return _rounds(wider, start, causes, say, wide=True)
-    if not lost:
+    steady = not lost and more is not None and found.refit.cause.exact and found.misfit.z > CLEAR
+    if not (lost or steady):
         return both
     near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found.name]
     if not near:
-        return [_unexplained(first)] if leaves_much(found) else both
+        return [_unexplained(first)] if lost and leaves_much(found) else both
     unsure = replace(wider, verdict=either((found, *near)), extended=None)
-    return _pair(unsure, start, causes, say, but=found.name)
+    pair = _pair(unsure, start, causes, say, but=found.name)
+    return pair if lost or len(pair) == 2 else both
 
 
 def _doubtful(found: Candidate) -> bool:
