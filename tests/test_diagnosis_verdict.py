@@ -22,7 +22,8 @@ def test_no_misfit_needs_no_candidates():
 
 def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: float):
     """A refitted cause as the verdict sees it."""
-    cause, short = SimpleNamespace(name=name, sentence=f"It is {name}."), given.get("short", 0.0)
+    exact, short = given.get("exact", False), given.get("short", 0.0)
+    cause = SimpleNamespace(name=name, sentence=f"It is {name}.", exact=exact)
     told = SimpleNamespace(cause=cause, short=short, converged=not short, cost=100.0)
     left = Misfit(energy=z, mean=0.0, sd=1.0)
     return Candidate(
@@ -31,6 +32,11 @@ def found(name: str, gained: float, explained: float, z: float = 3.0, predicted:
         coincidence=given.get("coincidence", 1.0), testable=given.get("testable", True),
         certain=given.get("certain", True), like_noise=given.get("like_noise", False),
     )  # fmt: skip
+
+
+def steady(*given, **more):
+    """One that is simulated exactly."""
+    return found(*given, **more, exact=True)
 
 
 WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
@@ -52,6 +58,8 @@ WRONG = Misfit(energy=50.0, mean=0.0, sd=1.0)
         ([found("a", 3.2e6, 1.0, z=0), found("b", 3.19e6, 0.999, z=27)], "named", ["a"]),  # 6109: a is noise
         ([found("a", 3.2e6, 1.0, z=0), found("b", 3.19e6, 0.999, z=27, short=9)], "ambiguous", ["a", "b"]),  # no end
         ([found("a", 3.2e6, 1.0, z=5), found("b", 3.19e6, 0.999, z=27)], "ambiguous", ["a", "b"]),  # a is not noise
+        ([steady("a", 402162, 1.0, z=-2), steady("b", 401100, 0.9996, z=46)], "named", ["a"]),  # 5104: both are exact
+        ([steady("a", 402162, 1.0, z=-2), found("b", 401100, 0.9996, z=46)], "ambiguous", ["a", "b"]),  # one is not
         ([found("a", 6289, 0.991, z=23), found("b", 6102, 0.963, z=98)], "ambiguous", ["a", "b"]),  # seed 1786
         ([found("a", 100, 0.80, z=9), found("b", 96, 0.30, z=30)], "unexplained", []),  # a leaves too much itself
         ([found("a", 300, 0.95, z=54), found("b", 305, 0.0, z=836, settled=False, short=305)], "ambiguous", ["a", "b"]),

@@ -10,7 +10,7 @@ from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.effort import STEPS, Effort
-from veo_ti.diagnosis.fitted import OURS, Refit, everywhere
+from veo_ti.diagnosis.fitted import Refit, everywhere
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.noise import Noise, measure_noise
@@ -24,6 +24,7 @@ from veo_ti.diagnosis.verdict import (
     Verdict,
     either,
     leaves_much,
+    ours_of,
     stands,
     sufficient,
     unexplained,
@@ -31,8 +32,6 @@ from veo_ti.diagnosis.verdict import (
 from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 from veo_ti.kept import key_of
-
-_EXACTLY = 0.02  # of what an exact cause does, instead of OURS: docs/diagnosis.md
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,8 +176,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
 
 def _doubtful(found: Candidate) -> bool:
     """Whether more is left than noise and our own error of what a cause does."""
-    ours = _EXACTLY if found.refit.cause.exact else OURS
-    return found.misfit.z > MISFIT and 1 - found.explained > ours**2
+    return found.misfit.z > MISFIT and 1 - found.explained > ours_of(found) ** 2
 
 
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:

@@ -22,6 +22,7 @@ LEFT = 0.1  # share that a cause may leave and still reject others by what they 
 MORE = 5.0  # times as much
 NOISE_ALONE = 5e-4  # share by which one cause that leaves noise rejects another, of which
 ENDED = 0.05  # of the cost, at most, is still promised
+_EXACTLY = 0.02  # of what an exact cause does, that our simulation of it may be off by instead of OURS
 CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
@@ -89,6 +90,11 @@ class Verdict:
     sentence: str
 
 
+def ours_of(*causes: Candidate) -> float:
+    """Share of what any of some causes does, by which our simulation of it may be off."""
+    return _EXACTLY if all(c.refit.cause.exact for c in causes) else OURS
+
+
 def _rejected(rival: Candidate, best: Candidate) -> bool:
     """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, and
     more than our own error of its effect, which the true one may leave as well; the other's refit came to an end: of
@@ -98,7 +104,7 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     """
     left, other = 1 - best.explained, 1 - rival.explained
     noise, alone = best.misfit.z < MISFIT, not isinstance(rival.refit.cause, Beside)
-    ours = NOISE_ALONE if noise and alone and rival.promised < ENDED * rival.refit.cost else OURS**2
+    ours = NOISE_ALONE if noise and alone and rival.promised < ENDED * rival.refit.cost else ours_of(best, rival) ** 2
     clean = noise or left < LEFT
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
@@ -110,8 +116,8 @@ def _alone_leaves_little(cause: Candidate, able: Sequence[Candidate]) -> bool:
     return left < LITTLE and all(c.misfit.z > 2 * MISFIT and 1 - c.explained > MORE * left for c in others)
 
 
-def _margin(best: Candidate, wide: bool) -> float:
-    """Nats by which the next cause must lie behind: much, unless the best one leaves next to nothing unexplained. What
+def _margin(best: Candidate, rival: Candidate, wide: bool) -> float:
+    """Nats by which another cause must lie behind: much, unless the best one leaves next to nothing unexplained. What
     goes on like noise that neighbours share is nothing as well once all that promise something were fitted: before
     that, it may be what the true cause does that is like noise.
 
@@ -119,14 +125,15 @@ def _margin(best: Candidate, wide: bool) -> float:
     error of OURS s turns the order about where d < 2 OURS s.
     """
     if best.misfit.z < CLEAN or 1 - best.explained < NOTHING or (wide and best.like_noise):
-        return max(SURE, best.gained * (1 - best.explained) / best.explained, (2 * OURS) ** 2 * best.gained)
+        left, ours = (1 - best.explained) / best.explained, (2 * ours_of(best, rival)) ** 2
+        return max(SURE, left * best.gained, ours * best.gained)
     return max(APART, APART_SHARE * best.gained)
 
 
 def rivals(best: Candidate, others: Sequence[Candidate], *, wide: bool = False) -> list[Candidate]:
     """Those of others that may as well be the cause: nearly as likely, and not ruled out by what they leave; wide:
     whether all that promise something are among them."""
-    near = [c for c in others if c is not best and best.sure - c.gained < _margin(best, wide)]
+    near = [c for c in others if c is not best and best.sure - c.gained < _margin(best, c, wide)]
     return [c for c in near if not _rejected(c, best)]
 
 

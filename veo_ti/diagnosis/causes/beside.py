@@ -21,6 +21,7 @@ class Beside(Cause):
         self.name, self.sentence = other.name, other.sentence
         self.parameters = (*found.parameters, *other.parameters)
         self.follows = found.follows or other.follows
+        self.exact = found.exact and other.exact
 
     @property
     def parts(self) -> tuple[tuple[Cause, slice], ...]:
