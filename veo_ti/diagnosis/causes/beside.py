@@ -21,13 +21,17 @@ class Beside(Cause):
         self.name, self.sentence = other.name, other.sentence
         self.parameters = (*found.parameters, *other.parameters)
         self.follows = found.follows or other.follows
-        self.exact = found.exact and other.exact
 
     @property
     def parts(self) -> tuple[tuple[Cause, slice], ...]:
         """Both causes with their parameters' places in theta."""
         n = len(self.found.parameters)
         return (self.found, slice(0, n)), (self.other, slice(n, len(self.parameters)))
+
+    @property
+    def exact(self) -> bool:
+        """Where both are."""
+        return self.found.exact and self.other.exact
 
     @property
     def lags(self) -> bool:
