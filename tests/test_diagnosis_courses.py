@@ -97,7 +97,7 @@ def test_a_wall_is_found_between_the_gaps_that_are_tried(scene, model):  # noqa:
     wall = Wall(spot=(1.0, 0.2, low), way=(0.0, 0.0, -1.0), gap=down, wide=True)
     hard = HiddenContact().widths(scene)
     stopped = filmed(scene, model, HiddenContact(), wall, 0.1 * hard)
-    leaning = turned(wall.way, 0.06)[0](1.0)
+    leaning = turned(wall.way, 0.06)[0](wall.way, 1.0)
     found = looked_at(stopped, model, HiddenContact(), replace(wall, gap=1.3 * down, way=leaning), 0.1 * hard)
     assert found.place.gap == pytest.approx(down, rel=0.05)
     assert np.dot(found.place.way, wall.way) > np.cos(0.03)
@@ -115,7 +115,7 @@ def test_every_course_begins_where_it_is_and_leads_on_evenly(scene, cause):  # n
     courses = cause.courses(scene, place)
     assert courses
     for on in courses:
-        here, half, whole = (does(on(step)) for step in (0.0, 0.01, 0.02))
+        here, half, whole = (does(on(place, step)) for step in (0.0, 0.01, 0.02))
         assert here == pytest.approx(does(place), abs=1e-9 * np.abs(here).max())
         most = np.abs(whole - here).max()
         assert 0 < most < 0.2 * np.abs(here).max()
@@ -131,10 +131,12 @@ def test_ways_along_the_surface_stay_on_it():
     cloud = RestCloud.build(np.concatenate([ball.x[np.linalg.norm(ball.x, axis=1) < 0.044], shell]))
     here = cloud.x[-1]
     on = along_surface(_Bare(cloud), here, 0.004)
-    moved = np.array([[course(steps) for steps in (-1.0, 1.0)] for course in on])
+    moved = np.array([[course(here, steps) for steps in (-1.0, 1.0)] for course in on])
     assert np.linalg.norm(moved, axis=2) == pytest.approx(0.05 * np.ones((2, 2)), rel=0.01)
     sides = moved[:, 1] - moved[:, 0]
     assert np.linalg.norm(sides, axis=1) == pytest.approx([0.008, 0.008], rel=0.05)
+    apart = np.array(on[1](on[0](here, 1.0), 1.0)) - on[0](here, 1.0)  # the same way from a step along the other one
+    assert apart @ sides[1] > 0.99 * np.linalg.norm(apart) * np.linalg.norm(sides[1])
     assert abs(sides[0] @ sides[1]) < 0.1 * 0.008**2 and np.abs(sides @ here).max() < 0.1 * 0.008 * 0.05
 
 
@@ -162,12 +164,13 @@ def test_a_patch_lies_on_the_free_surface(scene, spot):  # noqa: F811
 def test_an_axis_turns_by_the_angle():
     """To four sides evenly, and with the object."""
     way, beside = np.array([0.6, 0.0, 0.8]), np.array([0.1, 0.3, -0.2])
-    around = np.array([on(side) for on in turned(way, 0.1, beside) for side in (1.0, -1.0)])
+    around = np.array([on(way, side) for on in turned(way, 0.1, beside) for side in (1.0, -1.0)])
     assert around.mean(axis=0) == pytest.approx(np.cos(0.1) * way)
     turn = Rotation.from_rotvec([0.4, -1.0, 0.7])
-    again = np.array([on(side) for on in turned(turn.apply(way), 0.1, turn.apply(beside)) for side in (1.0, -1.0)])
+    there = turn.apply(way)
+    again = np.array([on(there, side) for on in turned(there, 0.1, turn.apply(beside)) for side in (1.0, -1.0)])
     assert turn.apply(around)[:2] == pytest.approx(again[:2])  # the others likewise, or the other way around
-    ends = np.array([on(1.0) for on in turned(way, 0.1)])
+    ends = np.array([on(way, 1.0) for on in turned(way, 0.1)])
     assert ends @ way == pytest.approx(np.full(2, np.cos(0.1)))
     assert np.linalg.norm(ends, axis=1) == pytest.approx(np.ones(2))
     assert len(FibreAnisotropy().courses(None, way)) == 2

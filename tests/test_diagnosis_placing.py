@@ -108,8 +108,8 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
 
 def test_of_two_causes_each_goes_along_its_own_course(scene):  # noqa: F811
     both = Beside(Viscoelasticity(), Softening())
-    before, after = ([on(step) for on in both.courses(scene, (2.0, 0.1))] for step in (-1.0, 1.0))
+    before, after = ([on((2.0, 0.1), step) for on in both.courses(scene, (2.0, 0.1))] for step in (-1.0, 1.0))
     assert before[0][0] < 2.0 < after[0][0] and before[0][1] == after[0][1] == 0.1
     assert before[1][1] < 0.1 < after[1][1] and before[1][0] == after[1][0] == 2.0
-    assert [on(0.0) for on in both.courses(scene, (2.0, 0.1))] == [(2.0, 0.1)] * 2
+    assert [on((2.0, 0.1), 0.0) for on in both.courses(scene, (2.0, 0.1))] == [(2.0, 0.1)] * 2
     assert not Beside(CameraScale(), CameraScale()).courses(scene, (None, None))

@@ -39,7 +39,7 @@ def better_place(result: Refit, model: Model) -> Spot:
     places = [result.place, *others, *cause.near(result.without, result.place)]
     if courses:
         steps = _along(result, courses, model).mean[-len(courses) :].clip(-1, 1)
-        places += [_gone(result, share * steps) for share in _SHARES]
+        places += [_gone(result.place, courses, share * steps) for share in _SHARES]
     if len(places) == 1:
         return here
     ways = [_moved(result, model, places)]
@@ -54,11 +54,10 @@ def better_place(result: Refit, model: Model) -> Spot:
     return Spot(place=places[best], coefficients=coefficients, theta=theta)
 
 
-def _gone(result: Refit, steps: np.ndarray) -> Any:
+def _gone(place: Any, courses: Sequence[Course], steps: np.ndarray) -> Any:
     """Where so many steps along every course lead, one after the other."""
-    place = result.place
-    for i, step in enumerate(steps):
-        place = result.cause.courses(result.without, place)[i](float(step))
+    for on, step in zip(courses, steps, strict=True):
+        place = on(place, float(step))
     return place
 
 
@@ -86,7 +85,7 @@ def measured(result: Refit) -> list[tuple[Measure, float, float]]:
     if not courses:
         return []
     here = result.cause.measures(result.place)
-    ends = [[_values(result, on(step)) for step in (-0.5, 0.5)] for on in courses]
+    ends = [[_values(result, on(result.place, step)) for step in (-0.5, 0.5)] for on in courses]
     change = np.array([after - before for before, after in ends])
     sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * (1 + 2 * OURS**2 * result.worth))
     return [(measure, *measure.interval(float(s))) for measure, s in zip(here, sd, strict=True)]
@@ -100,7 +99,8 @@ def _along(result: Refit, courses: Sequence[Course], model: Model) -> Posterior:
     """How far on its place is along each course, too, after all other unknowns: how the motion changes half a step on
     is one more column, of unit variance, to first order."""
     n, scene = len(result.coefficients), result.scene
-    motion = _pushed_elsewhere(result, [result.place, *(on(step) for on in courses for step in (-0.5, 0.5))])
+    ends = [on(result.place, step) for on in courses for step in (-0.5, 0.5)]
+    motion = _pushed_elsewhere(result, [result.place, *ends])
     rows = []
     for t, X, S in zip(result.kept.frames, result.kept.columns, motion, strict=True):
         moves = (S[1::2] - S[::2])[:, scene.target.seen[t]]

@@ -100,8 +100,8 @@ class Beside(Cause):
     def courses(self, scene: Scene, place: Places) -> Sequence[Course]:
         """Of each, the other one where it is."""
         first, second = place
-        own: list[Course] = [lambda steps, on=on: (on(steps), second) for on in self.found.courses(scene, first)]
-        return own + [lambda steps, on=on: (first, on(steps)) for on in self.other.courses(scene, second)]
+        own: list[Course] = [lambda at, s, on=on: (on(at[0], s), at[1]) for on in self.found.courses(scene, first)]
+        return own + [lambda at, s, on=on: (at[0], on(at[1], s)) for on in self.other.courses(scene, second)]
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Places) -> tuple[Places, np.ndarray] | None:
         """Of each: the first one, too, goes on from another motion than alone."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from veo_ti.diagnosis.scene import Scene
 
-Course = Callable[[float], Any]  # steps (of half the way to the next that is scanned, or so) -> the place there
+Course = Callable[[Any, float], Any]  # place, steps (half the way to the next scanned, or so) -> that there
 
 _HALF = 0.7  # of a scale, that is half a step before it
 
 
-def scaled(size: float) -> Course:
+def scaled(size: float, steps: float) -> float:
     """From a scale on to smaller and larger ones."""
-    return lambda steps: size * _HALF**-steps
+    return size * _HALF**-steps
 
 
 def across(way: Sequence[float], beside: np.ndarray | None = None) -> np.ndarray:
@@ -28,10 +28,17 @@ def across(way: Sequence[float], beside: np.ndarray | None = None) -> np.ndarray
 
 
 def turned(way: Sequence[float], angle: float, beside: np.ndarray | None = None) -> list[Course]:
-    """From a unit vector (3,) on to others in two planes, by an angle [rad] a step; places are tuples."""
+    """From a unit vector (3,), and those near it, on to others in two planes, by an angle [rad] a step; places are
+    tuples."""
 
     def to(side: np.ndarray) -> Course:
-        return lambda steps: tuple((np.cos(steps * angle) * np.array(way) + np.sin(steps * angle) * side).tolist())
+        def place(start: Sequence[float], steps: float) -> tuple[float, ...]:
+            n = np.array(start)
+            level = side - side @ n * n
+            level /= np.linalg.norm(level)
+            return tuple((np.cos(steps * angle) * n + np.sin(steps * angle) * level).tolist())
+
+        return place
 
     return [to(side) for side in across(way, beside)]
 
@@ -43,12 +50,13 @@ def sideways(scene: Scene, centre: Sequence[float]) -> np.ndarray:
 
 
 def along_surface(scene: Scene, centre: Sequence[float], length: float) -> list[Course]:
-    """From a centre (3,) [m] on along the free surface in two directions, a length [m] a step; places are tuples."""
+    """From a centre (3,) [m], and those near it, on along the free surface in two directions, a length [m] a step;
+    places are tuples."""
     normals = scene.cloud.normals
 
     def to(side: np.ndarray) -> Course:
-        def place(steps: float) -> tuple[float, ...]:
-            point = np.array(centre) + steps * length * side
+        def place(start: Sequence[float], steps: float) -> tuple[float, ...]:
+            point = np.array(start) + steps * length * side
             there = scene.nearest(point)
             beyond = (point - scene.cloud.x[there]) @ normals[there]
             return tuple((point - beyond * normals[there]).tolist())

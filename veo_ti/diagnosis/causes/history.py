@@ -68,7 +68,7 @@ class Softening(Cause):
 
     def courses(self, scene: Scene, place: float) -> Sequence[Course]:
         """Of scales."""
-        return (scaled(place),)
+        return (scaled,)
 
     def measures(self, place: float) -> Sequence[Measure]:
         """The scale."""
@@ -119,7 +119,7 @@ class Viscoelasticity(Cause):
 
     def courses(self, scene: Scene, place: float) -> Sequence[Course]:
         """Of time constants."""
-        return (scaled(place),)
+        return (scaled,)
 
     def measures(self, place: float) -> Sequence[Measure]:
         """The time constant."""

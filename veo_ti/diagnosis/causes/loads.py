@@ -48,8 +48,8 @@ class AtSpot(Cause):
     def courses(self, scene: Scene, place: Patch) -> Sequence[Course]:
         """Two along the surface, by a radius, and one of radii."""
         sides = along_surface(scene, place.centre, place.radius)
-        along = [lambda steps, on=on: replace(place, centre=on(steps)) for on in sides]
-        return (*along, lambda steps: replace(place, radius=scaled(place.radius)(steps)))
+        along = [lambda at, steps, on=on: replace(at, centre=on(at.centre, steps)) for on in sides]
+        return (*along, lambda at, steps: replace(at, radius=scaled(at.radius, steps)))
 
     def measures(self, place: Patch) -> Sequence[Measure]:
         """Its centre and its radius."""

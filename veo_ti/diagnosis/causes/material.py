@@ -105,7 +105,7 @@ class FibreAnisotropy(Cause):
 
     def courses(self, scene: Scene, place: np.ndarray) -> Sequence[Course]:
         """Axes that turn about two others."""
-        return [lambda steps, on=on: np.array(on(steps)) for on in turned(place, _BETWEEN)]
+        return [lambda at, steps, on=on: np.array(on(at, steps)) for on in turned(place, _BETWEEN)]
 
     def measures(self, place: np.ndarray) -> Sequence[Measure]:
         """The axis."""

@@ -66,7 +66,8 @@ class HiddenContact(Cause):
         """Nearer and farther walls, there and at some spots around, across the motion now; or leaning a little."""
         gaps = [share * place.gap for share in (0.5, 0.75, 1.0, 1.25, 1.5)]
         if place.wide:
-            leaning = [on(side) for turn in _TURNS for on in _leaning(scene, place, turn) for side in (1.0, -1.0)]
+            ways = [on for turn in _TURNS for on in _leaning(scene, place, turn)]
+            leaning = [on(place, side) for on in ways for side in (1.0, -1.0)]
             return [replace(w, gap=gap) for w in (place, *leaning) for gap in gaps]
         here = replace(place, way=_way(scene, scene.nearest(place.spot)))
         others = [replace(place, spot=_at(scene, s), way=_way(scene, s)) for s in scene.spots_near(place.spot, 4)]
@@ -75,8 +76,9 @@ class HiddenContact(Cause):
     def courses(self, scene: Scene, place: Wall) -> Sequence[Course]:
         """Of gaps, two of ways, and two along the surface where it is felt around a spot."""
         sides = () if place.wide else along_surface(scene, place.spot, scene.cloud.spacing)
-        moves = [lambda steps, on=on: replace(place, spot=on(steps)) for on in sides]
-        return (lambda steps: replace(place, gap=scaled(place.gap)(steps)), *_leaning(scene, place, _TURN), *moves)
+        moves = [lambda at, steps, on=on: replace(at, spot=on(at.spot, steps)) for on in sides]
+        leaning = _leaning(scene, place, _TURN)
+        return (lambda at, steps: replace(at, gap=scaled(at.gap, steps)), *leaning, *moves)
 
     def measures(self, place: Wall) -> Sequence[Measure]:
         """Its gap, and the way into it."""
@@ -106,7 +108,7 @@ class HiddenContact(Cause):
 def _leaning(scene: Scene, wall: Wall, angle: float) -> list[Course]:
     """Two courses of walls that lean, by an angle [rad] a step."""
     ways = turned(wall.way, angle, sideways(scene, wall.spot))
-    return [lambda steps, on=on: replace(wall, way=on(steps)) for on in ways]
+    return [lambda at, steps, on=on: replace(at, way=on(at.way, steps)) for on in ways]
 
 
 def _way(scene: Scene, spot: int) -> Way:
