@@ -16,8 +16,8 @@ from veo_ti.diagnosis.causes.loads import HiddenForce, HiddenTether, Patch
 from veo_ti.diagnosis.causes.material import FibreAnisotropy
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.causes.surroundings import HiddenContact, Wall
-from veo_ti.diagnosis.fitted import OURS
-from veo_ti.diagnosis.placing import better_place, measured, unsure_of_place
+from veo_ti.diagnosis.intervals import measured, unsure_of_place
+from veo_ti.diagnosis.placing import better_place, moved
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.solved import solved
@@ -65,13 +65,43 @@ def test_a_force_is_found_between_the_spots_that_are_tried(scene, model, pulled,
     assert off < 0.1 * scene.cloud.spacing
     assert off < 0.2 * np.linalg.norm(np.subtract(nearest.centre, spot.centre))
     assert found.theta == pytest.approx(FORCE, abs=0.02 * np.linalg.norm(FORCE))
-    placed = unsure_of_place(found)
+    placed = unsure_of_place(found, {})
     told = {measure.name: (low, high) for measure, low, high in measured(placed)}
     true = dict(zip(("spot_x", "spot_y", "spot_z"), spot.centre, strict=True)) | {"radius": spot.radius}
     assert all(told[name][0] - 1e-9 <= true[name] <= told[name][1] + 1e-9 for name in true)
-    width = {name: (high - low) / np.sqrt(1 + 2 * OURS**2 * placed.worth) for name, (low, high) in told.items()}
+    alone = replace(placed, placed=replace(placed.placed, elsewhere=()))
+    width = {m.name: (high - low) / np.sqrt(placed.off_place) for m, low, high in measured(alone)}
     assert 0 < max(width["spot_x"], width["spot_y"]) < 0.2 * scene.cloud.spacing  # by the noise alone
     assert width["spot_z"] < 1e-6 * scene.cloud.spacing  # it stays on the surface
+
+
+def test_what_is_promised_at_another_spot_is_what_a_refit_brings_there(scene, model, pulled, spot):  # noqa: F811
+    """From the far side of the body, the force turning and growing as it does there."""
+    start, places = np.zeros(len(model.prior)), HiddenForce().places(scene)
+    by_distance = sorted(places, key=lambda p: np.linalg.norm(np.subtract(p.centre, spot.centre)))
+    tried = [by_distance[i] for i in (-1, 3, 1, 0)]
+    refits = [refit(pulled, model, start, cause=HiddenForce(), place=at, theta=0.5 * FORCE) for at in tried]
+    brought = np.array([r.evidence(model.s2) for r in refits])
+    promised = moved(refits[0], model, tried)
+    evidence = np.array([p.evidence for p in promised])
+    assert brought[-1] > brought[0] + 10
+    assert evidence - evidence[0] == pytest.approx(brought - brought[0], abs=0.15 * (brought[-1] - brought[0]))
+    for found, told in zip(refits, promised, strict=True):
+        assert told.mean[-3:] == pytest.approx(found.theta, abs=0.2 * np.linalg.norm(found.theta))
+
+
+def test_an_interval_holds_every_spot_that_is_as_likely(scene, model, pulled, spot):  # noqa: F811
+    """Those nearby that its own error may hide; all, if that is worth far more."""
+    found = refit(pulled, model, np.zeros(len(model.prior)), cause=HiddenForce(), place=spot, theta=FORCE)
+    sure, unsure = (unsure_of_place(found, {"hidden_force": nats}) for nats in (0.0, 1e12))
+    tried = {at.centre for at in HiddenForce().places(scene)}
+    assert tried <= {at.centre for at, _ in unsure.placed.elsewhere}
+    assert not tried <= {at.centre for at, _ in sure.placed.elsewhere}
+    narrow, wide = ({m.name: (low, high) for m, low, high in measured(r)} for r in (sure, unsure))
+    for place, theta in unsure.placed.elsewhere:
+        assert all(wide[m.name][0] <= m.value <= wide[m.name][1] for m in HiddenForce().measures(place))
+        assert (unsure.interval[0] <= theta).all() and (theta <= unsure.interval[1]).all()
+    assert wide["spot_y"][1] - wide["spot_y"][0] > 2 * (narrow["spot_y"][1] - narrow["spot_y"][0])
 
 
 def test_an_interval_holds_how_unsure_the_spot_is(model, pulled, spot):  # noqa: F811
@@ -79,13 +109,13 @@ def test_an_interval_holds_how_unsure_the_spot_is(model, pulled, spot):  # noqa:
     theta, start = np.concatenate([FORCE, np.zeros(4)]), np.zeros(len(model.prior))
     both = Beside(HiddenForce(), CameraScale())
     found = refit(pulled, model, start, cause=both, place=(spot, None), theta=theta)
-    whole = unsure_of_place(found)
+    whole = unsure_of_place(found, {})
     for one, whole_one in zip(found.apart(), whole.apart(), strict=True):
-        alone = unsure_of_place(one)
+        alone = unsure_of_place(one, {})
         more = alone.placed.covariance - one.covariance
         assert alone.placed.covariance == pytest.approx(whole_one.placed.covariance)
         assert (np.linalg.eigvalsh(more) > -1e-9 * one.covariance.max()).all()
-    force, scale = (unsure_of_place(one) for one in found.apart())
+    force, scale = (unsure_of_place(one, {}) for one in found.apart())
     assert len(measured(force)) == 4 and not measured(scale)  # a scale has no place
     assert (force.spread > 1.02 * found.apart()[0].spread).any()
 

@@ -10,7 +10,8 @@ from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import Softening, Viscoelasticity
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.fitted import OURS
-from veo_ti.diagnosis.placing import _moved, better_place, measured, unsure_of_place
+from veo_ti.diagnosis.intervals import measured, unsure_of_place
+from veo_ti.diagnosis.placing import better_place, moved
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.solved import solved
@@ -39,19 +40,19 @@ def test_what_is_promised_elsewhere_is_what_a_refit_brings_there(creeping, model
     there = [refit(creeping, model, start, cause=Viscoelasticity(), place=at, theta=half) for at in places]
     found = there[0]
     brought = np.array([r.evidence(model.s2) for r in there])
-    promised = np.array([p.evidence for p in _moved(found, model, places)])
+    promised = np.array([p.evidence for p in moved(found, model, places)])
     assert brought[-1] > brought[0] + 10
     assert promised - promised[0] == pytest.approx(brought - brought[0], abs=0.2 * (brought[-1] - brought[0]))
     spot = better_place(found, model)
     assert abs(np.log(spot.place / TAU)) < 0.4
-    moved = {"cause": Viscoelasticity(), "place": spot.place}
-    problem = Problem.of(creeping, model, **moved)
+    there = {"cause": Viscoelasticity(), "place": spot.place}
+    problem = Problem.of(creeping, model, **there)
     begun, stayed = (
         solved(problem, found.without, c, t)
         for c, t in ((spot.coefficients, spot.theta), (found.coefficients, found.theta))
     )
     begun, stayed = (problem.cost(s.scene, s.coefficients, s.theta) for s in (begun, stayed))
-    best = refit(found.without, model, found.coefficients, **moved, theta=found.theta)
+    best = refit(found.without, model, found.coefficients, **there, theta=found.theta)
     least = problem.cost(best.scene, best.coefficients, best.theta)
     assert begun - least < 0.2 * (stayed - least)
 
@@ -66,11 +67,11 @@ def test_a_move_begins_at_what_is_most_probable_there(creeping, model, monkeypat
         return solved(problem, at, coefficients, theta, *others, **options)
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", noted)
-    moved = refit(
+    onward = refit(
         found.without, model, found.coefficients, cause=found.cause, place=spot.place, theta=spot.theta,
         shift=spot.coefficients - found.coefficients, since=found.theta,
     )  # fmt: skip
-    assert begun[0] == pytest.approx(spot.theta) and abs(moved.theta[0] - SHARE) < 0.2 * SHARE
+    assert begun[0] == pytest.approx(spot.theta) and abs(onward.theta[0] - SHARE) < 0.2 * SHARE
 
 
 def test_a_time_constant_between_those_that_are_tried_is_found(creeping, model):  # noqa: F811
@@ -92,7 +93,7 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
     share, cost = np.array([r.theta[0] for r in near]), np.array([r.cost for r in near])
     slope, curve = (share[2] - share[0]) / (2 * step), (cost[0] - 2 * cost[1] + cost[2]) / step**2
     here = near[1]
-    placed = unsure_of_place(here)
+    placed = unsure_of_place(here, {})
     more = placed.placed.covariance[0, 0] - here.covariance[0, 0]
     assert np.sqrt(more) == pytest.approx(slope / np.sqrt(curve), rel=0.2)  # a step of the course is not a small one
     assert more > here.covariance[0, 0]  # most of what is not known
@@ -103,7 +104,7 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
     assert np.log(high / slow) == pytest.approx(np.log(slow / low))
     assert np.log(high / low) / (2 * 1.96) == pytest.approx(beside_ours / np.sqrt(curve), rel=0.2)
     assert not measured(here)  # where that was not asked
-    assert placed.theta is here.theta and unsure_of_place(replace(here, cause=None)).placed is None
+    assert placed.theta is here.theta and unsure_of_place(replace(here, cause=None), {}).placed is None
 
 
 def test_of_two_causes_each_goes_along_its_own_course(scene):  # noqa: F811

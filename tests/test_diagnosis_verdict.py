@@ -186,7 +186,8 @@ class Fitted(SimpleNamespace):
     """Parameters and their covariance."""
 
     placed = None
-    worth, beside_ours = Refit.worth, Refit.beside_ours
+    worth, beside_ours, off_place = Refit.worth, Refit.beside_ours, Refit.off_place
+    spread, interval = Refit.spread, Refit.interval
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0])
@@ -194,13 +195,24 @@ def test_six_percent_of_any_motion_may_be_a_parameter_that_hardly_shows(scale):
     """theta = (1, 0), seen a hundred times as well as what lies across it; of any scale. Alone it is 6 % of itself."""
     turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
     both = Fitted(cause=None, theta=np.array([1.0, 0.0]), sd=np.zeros(2), covariance=scale * np.diag([1, 1e4]))
-    assert Refit.spread.fget(both) == pytest.approx([0.06, 6.0])
+    assert both.spread == pytest.approx([0.06, 6.0])
     both.theta, both.covariance = turn @ both.theta, turn @ both.covariance @ turn.T
-    assert np.hypot(*Refit.spread.fget(both)) == pytest.approx(np.hypot(0.06, 6.0))
+    assert np.hypot(*both.spread) == pytest.approx(np.hypot(0.06, 6.0))
     one = Fitted(cause=None, theta=np.array([-2.0]), sd=np.array([0.05]), covariance=scale * np.eye(1))
-    assert Refit.spread.fget(one) == pytest.approx([np.hypot(0.05, 0.12)])
-    one.placed = Placed(covariance=4 * one.covariance, steps=np.eye(0))  # half as sure beside an unsure place
-    assert Refit.spread.fget(one) == pytest.approx([np.hypot(max(0.05, 2 * np.sqrt(scale)), 0.24)])
+    assert one.spread == pytest.approx([np.hypot(0.05, 0.12)])
+
+
+def test_what_is_not_known_of_a_place_is_not_known_of_the_parameters():
+    """Which 0.06^2 of 50 nats look like another place, or all that the cause explains, if that is more; and which
+    parameters other places have."""
+    one = Fitted(cause=ForceMagnitude(), theta=np.array([2.0]), sd=np.array([0.2]), covariance=0.04 * np.eye(1))
+    known = np.hypot(0.2, 0.12)
+    for nats, ours in ((0.0, 0.06**2 * 50), (9.0, 9.0)):
+        one.placed = Placed(covariance=0.2 * np.eye(1), steps=np.eye(0), nats=nats)
+        assert one.spread == pytest.approx([np.sqrt(known**2 + 0.16 * (1 + 2 * ours))])
+    one.placed = replace(one.placed, elsewhere=((None, np.array([-7.0])), (None, np.array([1.0]))))
+    low, high = one.interval
+    assert low == pytest.approx(-7.0 - 1.96 * known) and high == pytest.approx(2.0 + 1.96 * one.spread)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +238,7 @@ def test_a_cause_is_certain_where_one_parameter_is_two_deviations_from_nothing(t
 def test_an_interval_of_what_is_positive_does_not_reach_zero():
     low, high = HiddenContact().interval(np.array([2.0]), np.array([1.5]))
     assert (low * high == pytest.approx(4.0)) and high / 2.0 == pytest.approx(np.exp(1.96 * 0.75))
-    assert size(HiddenContact(), np.array([2.0]), np.array([1.5])) == "stiffness 2 (0.46 to 8.7 Pa/m2)"
+    assert size(HiddenContact(), np.array([2.0]), (low, high)) == "stiffness 2 (0.46 to 8.7 Pa/m2)"
     low, high = HiddenContact().interval(np.array([2.0]), np.array([0.5]))
     assert (low, high) == (pytest.approx(2.0 - 0.98), pytest.approx(2.98))
     low, high = ForceMagnitude().interval(np.array([2.0]), np.array([1.5]))  # either sign is possible

@@ -14,6 +14,7 @@ from veo_ti.diagnosis.run import Diagnosis, diagnose
 from veo_ti.identification import identify
 from veo_ti.observation import Observation
 
+_ROUNDED = 1e-6  # a measurement holds positions in single precision, and a spot on a level face has a height without sd
 KNOWN = frozenset(cause.name for cause in CATALOGUE)  # what the toolkit could name
 
 
@@ -86,7 +87,7 @@ def covered(truth: dict, said: dict) -> list[dict[str, object]]:
         for p in cause["parameters"]:
             value = told.get(cause["name"], {}).get(p["name"])
             if value is not None and p["low"] is not None:
-                inside = p["low"] <= value <= p["high"]
+                inside = p["low"] - _ROUNDED * abs(value) <= value <= p["high"] + _ROUNDED * abs(value)
                 rows.append({"cause": cause["name"], **p, "truth": value, "covered": bool(inside)})
     return rows
 

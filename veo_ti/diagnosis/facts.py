@@ -6,8 +6,8 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.fitted import Refit
+from veo_ti.diagnosis.intervals import measured
 from veo_ti.diagnosis.limits import limits
-from veo_ti.diagnosis.placing import measured
 from veo_ti.diagnosis.rounds import Round
 from veo_ti.diagnosis.run import Diagnosis
 from veo_ti.diagnosis.score import Score
@@ -57,7 +57,6 @@ def _causes(diagnosis: Diagnosis) -> list[dict[str, object]]:
 
 def _cause(candidate: Candidate, refit: Refit, number: int) -> dict[str, object]:
     cause = refit.cause
-    ends = cause.interval(refit.theta, refit.spread)
     where = [(measure, measure.value, low, high) for measure, low, high in measured(refit)]
     return {
         "name": cause.name, "round": number, "sentence": cause.sentence, "place": place(refit),
@@ -65,7 +64,7 @@ def _cause(candidate: Candidate, refit: Refit, number: int) -> dict[str, object]
             {
                 "name": p.name, "unit": p.unit, "value": _plain(value), "low": _plain(low), "high": _plain(high),
             }
-            for p, value, low, high in [*zip(cause.parameters, refit.theta, *ends, strict=True), *where]
+            for p, value, low, high in [*zip(cause.parameters, refit.theta, *refit.interval, strict=True), *where]
         ],
         "log_evidence_gain": _plain(candidate.gained), "explained": _plain(candidate.explained),
         "converged": bool(refit.converged),

@@ -16,6 +16,7 @@ from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import NEWTON, Solved, with_frames
 
 OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
+_EXACTLY = 0.02  # instead of that, of what an exact cause does
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,10 +25,13 @@ class Placed:
 
     covariance: np.ndarray  # (d, d)
     steps: np.ndarray  # (c, c)
+    nats: float = 0.0  # that what the simulation gets wrong may be worth, which may look like another place
+    elsewhere: tuple[tuple[Any, np.ndarray], ...] = ()  # others that are as likely but for that, with theta (d,) there
 
-    def part(self, own: slice, on: slice) -> "Placed":
-        """Of some of the parameters and courses."""
-        return Placed(covariance=self.covariance[own, own], steps=self.steps[on, on])
+    def part(self, which: int, own: slice, on: slice) -> "Placed":
+        """Of one of two causes."""
+        elsewhere = tuple((place[which], theta[own]) for place, theta in self.elsewhere)
+        return replace(self, covariance=self.covariance[own, own], steps=self.steps[on, on], elsewhere=elsewhere)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,18 +72,34 @@ class Refit:
         """Standard deviations (d,) with what the simulation itself gets wrong, which is 6 % of what the cause does.
 
         `sd^2 + 0.06^2 (theta^T C^-1 theta) C_ii` with C the posterior covariance, of any scale: 0.06 |theta| for a
-        single parameter, and far more of one that hardly shows, since that much of any motion may look like it. C_ii
-        is that beside an unsure place, where it was asked for.
+        single parameter, and far more of one that hardly shows, since that much of any motion may look like it; and
+        how unsure it is because the place is, where that was asked for (`off_place`).
         """
         if isinstance(self.cause, Beside):
             return np.concatenate([one.spread for one in self.apart()])
-        sd = self.sd if self.placed is None else np.maximum(self.sd, np.sqrt(np.diagonal(self.placed.covariance)))
-        return self.beside_ours(sd)
+        known = self.beside_ours(self.sd)
+        if self.placed is None:
+            return known
+        more = np.diagonal(self.placed.covariance - self.covariance).clip(min=0)
+        return np.sqrt(known**2 + self.off_place * more)
+
+    @property
+    def off_place(self) -> float:
+        """How many times the variance of its place by noise alone is that with what the simulation gets wrong."""
+        return 1 + 2 * max(OURS**2 * self.worth, self.placed.nats)
+
+    @property
+    def interval(self) -> tuple[np.ndarray, np.ndarray]:
+        """The ends (d,) of 95 % intervals, which hold the parameters at other places that are as likely."""
+        others = () if self.placed is None else self.placed.elsewhere
+        ends = [self.cause.interval(self.theta, self.spread)]
+        ends += [self.cause.interval(theta, self.beside_ours(self.sd)) for _, theta in others]
+        low, high = zip(*ends, strict=True)
+        return np.min(low, axis=0), np.max(high, axis=0)
 
     def beside_ours(self, sd: np.ndarray) -> np.ndarray:
         """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""
-        covariance = self.covariance if self.placed is None else self.placed.covariance
-        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(covariance)))
+        return np.hypot(sd, OURS * np.sqrt(2 * self.worth * np.diagonal(self.covariance)))
 
     @property
     def worth(self) -> float:
@@ -119,14 +139,15 @@ class Refit:
         if not isinstance(self.cause, Beside):
             return (self,)
         n, first = len(self.coefficients), len(self.cause.found.courses(self.without, self.place[0]))
-        parts = zip(self.cause.parts, self.place, (slice(first), slice(first, None)), strict=True)
+        parts = zip((0, 1), self.cause.parts, self.place, (slice(first), slice(first, None)), strict=True)
         return tuple(
             replace(
                 self, cause=cause, place=at, theta=self.theta[own], sd=self.sd[own],
-                covariance=self.covariance[own, own], placed=None if self.placed is None else self.placed.part(own, on),
+                covariance=self.covariance[own, own],
+                placed=None if self.placed is None else self.placed.part(which, own, on),
                 prior=np.concatenate([self.prior[:n], self.prior[n:][own]]), whole=self,
             )
-            for (cause, own), at, on in parts
+            for which, (cause, own), at, on in parts
         )  # fmt: skip
 
     def taken_in(self) -> "Refit":
@@ -158,6 +179,11 @@ class Refit:
     def shown(self) -> np.ndarray:
         """The prediction: simulated positions corrected by the discretisation's part, (T, N, 3) [m]."""
         return self.simulated + self.numerics
+
+
+def ours_of(*found: Refit) -> float:
+    """Share of what any of some causes does, by which our simulation of it may be off."""
+    return _EXACTLY if all(one.cause.exact for one in found) else OURS
 
 
 def everywhere(found: Refit) -> Refit:

@@ -1,16 +1,16 @@
 """Where a cause acts, looked at again once the material has been refitted beside it."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sim.evidence import Posterior, posterior
-from veo_ti.diagnosis.causes.base import Change, Measure
+from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.causes.courses import Course
 from veo_ti.diagnosis.columns import Direction, Negated, directions_of
-from veo_ti.diagnosis.fitted import OURS, Placed, Refit
+from veo_ti.diagnosis.fitted import Refit
 from veo_ti.diagnosis.model import Model, shown_by
 from veo_ti.diagnosis.moments import Along, Fingerprints, answered_as_shown
 
@@ -33,16 +33,12 @@ def better_place(result: Refit, model: Model) -> Spot:
     Linear about the refit: it is taken from its place to another as it is; a cause that lags, and pushes nothing, is
     also tried at each place as if it were new. Its own place as it was, where none is clearly better.
     """
-    here = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
-    cause, courses = result.cause, result.cause.courses(result.without, result.place)
-    others = cause.places(result.without) if cause.lags else ()
-    places = [result.place, *others, *cause.near(result.without, result.place)]
-    if courses:
-        steps = _along(result, courses, model).mean[-len(courses) :].clip(-1, 1)
-        places += [_gone(result.place, courses, share * steps) for share in _SHARES]
+    here, cause = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta), result.cause
+    others = [*(cause.places(result.without) if cause.lags else ()), *cause.near(result.without, result.place)]
+    places = [result.place, *others, *further(result, result.place, model)]
     if len(places) == 1:
         return here
-    ways = [_moved(result, model, places)]
+    ways = [moved(result, model, places)]
     if cause.lags:
         ways.append(_as_new(result, model, places))
     more, best, found = max(
@@ -54,6 +50,15 @@ def better_place(result: Refit, model: Model) -> Spot:
     return Spot(place=places[best], coefficients=coefficients, theta=theta)
 
 
+def further(result: Refit, place: Any, model: Model) -> list[Any]:
+    """From a place on, so much of the way along all its courses that is best to first order; none without courses."""
+    courses = result.cause.courses(result.without, place)
+    if not courses:
+        return []
+    steps = along(result, place, courses, model).mean[-len(courses) :].clip(-1, 1)
+    return [_gone(place, courses, share * steps) for share in _SHARES]
+
+
 def _gone(place: Any, courses: Sequence[Course], steps: np.ndarray) -> Any:
     """Where so many steps along every course lead, one after the other."""
     for on, step in zip(courses, steps, strict=True):
@@ -61,52 +66,11 @@ def _gone(place: Any, courses: Sequence[Course], steps: np.ndarray) -> Any:
     return place
 
 
-def unsure_of_place(result: Refit) -> Refit:
-    """A refit whose intervals hold that its place is unsure, where that lies on a course; of one of two causes, that
-    both are."""
-    if result.whole is not None:
-        both = unsure_of_place(result.whole).apart()
-        return replace(result, placed=next(one.placed for one in both if one.cause is result.cause))
-    courses = [] if result.cause is None else result.cause.courses(result.without, result.place)
-    if not courses:
-        return result
-    found = _along(result, courses, result.line.problem.model).covariance[len(result.coefficients) :]
-    rest = found[:, len(result.coefficients) :]
-    own, on = slice(-len(courses)), slice(-len(courses), None)
-    return replace(result, placed=Placed(covariance=rest[own, own], steps=rest[on, on]))
-
-
-def measured(result: Refit) -> list[tuple[Measure, float, float]]:
-    """What tells the place of a refit of one cause, with the ends of 95 % intervals; nothing where that was not asked.
-
-    `sd^2 = j^T C j`, j the change with a step along each course, with what the simulation gets wrong (`Refit.spread`).
-    """
-    courses = [] if result.placed is None else result.cause.courses(result.without, result.place)
-    if not courses:
-        return []
-    here = result.cause.measures(result.place)
-    ends = [[_values(result, on(result.place, step)) for step in (-0.5, 0.5)] for on in courses]
-    change = np.array([after - before for before, after in ends])
-    sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * (1 + 2 * OURS**2 * result.worth))
-    return [(measure, *measure.interval(float(s))) for measure, s in zip(here, sd, strict=True)]
-
-
-def _values(result: Refit, place: Any) -> np.ndarray:
-    return np.array([measure.value for measure in result.cause.measures(place)])
-
-
-def _along(result: Refit, courses: Sequence[Course], model: Model) -> Posterior:
-    """How far on its place is along each course, too, after all other unknowns: how the motion changes half a step on
-    is one more column, of unit variance, to first order."""
-    n, scene = len(result.coefficients), result.scene
-    ends = [on(result.place, step) for on in courses for step in (-0.5, 0.5)]
-    motion = _pushed_elsewhere(result, [result.place, *ends])
-    rows = []
-    for t, X, S in zip(result.kept.frames, result.kept.columns, motion, strict=True):
-        moves = (S[1::2] - S[::2])[:, scene.target.seen[t]]
-        rows.append(np.concatenate([X[n:], moves.reshape(len(courses), -1).astype(np.float32)]))
-    at, prior = np.append(result.around, np.zeros(len(courses))), np.append(result.prior, np.ones(len(courses)))
-    return _explained(result, n, rows, at, scene.target.residual(result.simulated), prior, model)
+def along(result: Refit, place: Any, courses: Sequence[Course], model: Model) -> Posterior:
+    """How far on its place is along each course from a place, too, after all other unknowns: how the motion changes
+    half a step on is one more column, of unit variance, to first order."""
+    ends = [on(place, step) for on in courses for step in (-0.5, 0.5)]
+    return moved(result, model, [place], ends)[0]
 
 
 def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterior]:
@@ -124,48 +88,56 @@ def _as_new(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterio
     return found
 
 
-def _moved(result: Refit, model: Model, places: Sequence[Any]) -> list[Posterior]:
-    """At each place: what taking the cause there adds is one more motion, in full.
+def moved(result: Refit, model: Model, places: Sequence[Any], ends: Sequence[Any] = ()) -> list[Posterior]:
+    """At each place, to first order: what taking the cause there as it is adds to the motion is known in full, and each
+    parameter has its own fingerprint there.
 
-    In proportion to its only parameter it belongs to the parameter's own fingerprint there.
+    ends (2 c): places before and beyond all of them along courses; what lies between is one more unknown for each.
     """
     scene, theta, n = result.scene, result.theta, len(result.coefficients)
-    frames, kept = result.kept.frames, result.kept.columns
-    residual, single = scene.target.residual(result.simulated), len(theta) == 1 and theta.all()
-    taken, own = np.repeat(residual[None], len(places), axis=0), [[X[n:] for X in kept] for _ in places]
-    motion = _shown_elsewhere(result, places) if result.cause.lags else _pushed_elsewhere(result, places)
-    for i, (t, S) in enumerate(zip(frames, motion, strict=True)):
+    frames, kept, count = result.kept.frames, result.kept.columns, len(places)
+    residual, some = scene.target.residual(result.simulated), np.flatnonzero(theta)
+    taken, own = np.repeat(residual[None], count, axis=0), [[] for _ in places]
+    shown = _shown_elsewhere if result.cause.lags and not ends else _pushed_elsewhere
+    for t, X, S in zip(frames, kept, shown(result, [*places, *ends]), strict=True):
         seen = scene.target.seen[t]
-        moved = S[:, seen]
-        taken[1:, t, seen] -= moved
-        for place, more in enumerate(moved.reshape(len(moved), -1) if single else (), start=1):
-            own[place][i] = own[place][i] + (more / theta).astype(np.float32)
-    at = zip(own, taken, strict=True)
-    return [_explained(result, n, rows, result.around, r, result.prior, model) for rows, r in at]
+        more = S[:, :, seen].reshape(*S.shape[:2], -1)
+        on = more[count:].sum(axis=1)
+        for place, each in enumerate(more[:count]):
+            taken[place, t, seen] -= each.sum(axis=0).reshape(-1, 3)
+            rows = X[n:].copy()
+            if len(each) == len(some):
+                rows[some] += (each / theta[some, None]).astype(np.float32)
+            own[place].append(np.concatenate([rows, (on[1::2] - on[::2]).astype(np.float32)]))
+    c = len(ends) // 2
+    at, prior = np.append(result.around, np.zeros(c)), np.append(result.prior, np.ones(c))
+    return [_explained(result, n, rows, at, r, prior, model) for rows, r in zip(own, taken, strict=True)]
 
 
 def _shown_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
-    """What is seen of the same motion with the cause at the other places instead of the first, (P - 1, N, 3), frame by
-    frame."""
+    """What is seen of the same motion with the cause at other places, (P, 1, N, 3), frame by frame."""
     scene, theta, now = result.scene, result.theta, result.simulated
-    there = [shown_by(scene, result.cause.change(scene, theta, place)) for place in places[1:]]
-    yield from (np.stack([y[t] - now[t] for y in there]) for t in result.kept.frames)
+    there = [shown_by(scene, result.cause.change(scene, theta, place)) for place in places]
+    yield from (np.stack([y[t] - now[t] for y in there])[:, None] for t in result.kept.frames)
 
 
 def _pushed_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
-    """How the motion moves with it."""
+    """How the motion moves with it, by each of the parameters that are not zero, (P, d, N, 3), frame by frame."""
     scene, cause, theta = result.scene, result.cause, result.theta
-    here = tuple(Negated(term=term) for term in cause.change(scene, theta, result.place).terms)
+    each = [theta * axis for axis in np.eye(len(theta)) if theta @ axis]
+    here = [tuple(Negated(term=term) for term in cause.change(scene, own, result.place).terms) for own in each]
     ways = [
-        Direction(change=Change(terms=(*cause.change(scene, theta, place).terms, *here)), scale=1.0)
-        for place in places[1:]
+        Direction(change=Change(terms=(*cause.change(scene, own, place).terms, *away)), scale=1.0)
+        for place in places
+        for own, away in zip(each, here, strict=True)
     ]
-    along, materials = Along.with_cause(cause, scene, theta, result.place), np.zeros((0, scene.cloud.count, 2))
+    beside, materials = Along.with_cause(cause, scene, theta, result.place), np.zeros((0, scene.cloud.count, 2))
 
     def forces_of(chosen: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         return lambda local: np.stack([d.forces(scene, chosen[local]) for d in ways], axis=1)
 
-    return answered_as_shown(scene, forces_of, result.kept.frames, along, materials)
+    for S in answered_as_shown(scene, forces_of, result.kept.frames, beside, materials):
+        yield S.reshape(-1, len(each), *S.shape[1:])
 
 
 def _explained(

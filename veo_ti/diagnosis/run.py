@@ -1,7 +1,7 @@
 """The diagnosis from start to end: baseline, noise, misfit, scores, refits, verdict, gain, and a second cause."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from veo_ti.diagnosis.baseline import Baseline
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.checkpoints import Checkpoints
 from veo_ti.diagnosis.effort import STEPS, Effort
-from veo_ti.diagnosis.fitted import Refit, everywhere
+from veo_ti.diagnosis.fitted import Refit, everywhere, ours_of
 from veo_ti.diagnosis.gain import Gain, measure_gain
+from veo_ti.diagnosis.intervals import unsure_of_place
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.noise import Noise, measure_noise
 from veo_ti.diagnosis.pairs import two_at_once
-from veo_ti.diagnosis.placing import unsure_of_place
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
 from veo_ti.diagnosis.verdict import (
     CLEAR,
@@ -24,7 +24,6 @@ from veo_ti.diagnosis.verdict import (
     Verdict,
     either,
     leaves_much,
-    ours_of,
     stands,
     sufficient,
     unexplained,
@@ -80,7 +79,8 @@ def diagnose(
     open_causes = [cause for cause in causes if reasons[cause.name] is None]
 
     def told(rounds: Sequence[Round], *, finished: bool) -> Diagnosis:
-        rounds = [_with_places(found) for found in rounds]
+        wrong = {c.name: _wrong(c) for found in rounds for c in found.verdict.causes}
+        rounds = [_with_places(found, wrong) for found in rounds]
         extended = next((r.extended for r in reversed(rounds) if r.extended is not None), None)
         final = start.refit if extended is None else everywhere(extended)
         return Diagnosis(
@@ -105,10 +105,15 @@ def diagnose(
     return told(rounds, finished=not start.model.effort.over)
 
 
-def _with_places(found: Round) -> Round:
+def _wrong(found: Candidate) -> float:
+    """Nats that what the simulation gets wrong of a cause may be worth: no more than what it leaves."""
+    return min(ours_of(found.refit) ** 2, max(1 - found.explained, 0.0)) * found.gained
+
+
+def _with_places(found: Round, wrong: Mapping[str, float]) -> Round:
     """A round whose intervals hold how unsure the places of its causes are."""
     refits = [*(c.refit for c in found.verdict.causes), *([] if found.extended is None else [found.extended])]
-    placed = {id(r): unsure_of_place(r) for r in {id(r): r for r in refits}.values()}  # often one and the same
+    placed = {id(r): unsure_of_place(r, wrong) for r in {id(r): r for r in refits}.values()}  # often one and the same
     causes = tuple(replace(c, refit=placed[id(c.refit)]) for c in found.verdict.causes)
     return replace(found, verdict=replace(found.verdict, causes=causes), extended=placed.get(id(found.extended)))
 
@@ -176,7 +181,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
 
 def _doubtful(found: Candidate) -> bool:
     """Whether more is left than noise and our own error of what a cause does."""
-    return found.misfit.z > MISFIT and 1 - found.explained > ours_of(found) ** 2
+    return found.misfit.z > MISFIT and 1 - found.explained > ours_of(found.refit) ** 2
 
 
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:

@@ -34,13 +34,13 @@ def amount(value: float, unit: str) -> str:
     return f"{scale * value:.3g} {readable}".strip()
 
 
-def size(cause: Cause, theta: np.ndarray, sd: np.ndarray) -> str:
+def size(cause: Cause, theta: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> str:
     """How big a cause is: the length of a vector of parameters, else each parameter with its 95 % interval."""
     names, units = [p.name for p in cause.parameters], [p.unit for p in cause.parameters]
     stems = {name.rpartition("_")[0] for name in names}
     if len(names) == 3 and len(set(units)) == len(stems) == 1:
         return f"{stems.pop()} {amount(float(np.linalg.norm(theta)), units[0])}"
-    parts = zip(names, units, theta, *cause.interval(theta, sd), strict=True)
+    parts = zip(names, units, theta, *ends, strict=True)
     return ", ".join(f"{n} {_between(t, low, high, u)}" for n, u, t, low, high in parts)
 
 
@@ -65,7 +65,7 @@ def present(diagnosis: Diagnosis) -> tuple[Refit, ...]:
 
 def _of(refit: Refit) -> str:
     where = place(refit)
-    return f"{', ' + where if where else ''} ({size(refit.cause, refit.theta, refit.spread)})"
+    return f"{', ' + where if where else ''} ({size(refit.cause, refit.theta, refit.interval)})"
 
 
 def _named(diagnosis: Diagnosis) -> str:

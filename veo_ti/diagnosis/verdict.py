@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from veo_ti.diagnosis.causes.beside import Beside
-from veo_ti.diagnosis.fitted import OURS, Refit
+from veo_ti.diagnosis.fitted import Refit, ours_of
 from veo_ti.diagnosis.misfit import Misfit
 
 MISFIT = 4.0  # standard deviations of the misfit's energy below which nothing is wrong
@@ -22,7 +22,6 @@ LEFT = 0.1  # share that a cause may leave and still reject others by what they 
 MORE = 5.0  # times as much
 NOISE_ALONE = 5e-4  # share by which one cause that leaves noise rejects another, of which
 ENDED = 0.05  # of the cost, at most, is still promised
-_EXACTLY = 0.02  # of what an exact cause does, that our simulation of it may be off by instead of OURS
 CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
@@ -90,11 +89,6 @@ class Verdict:
     sentence: str
 
 
-def ours_of(*causes: Candidate) -> float:
-    """Share of what any of some causes does, by which our simulation of it may be off."""
-    return _EXACTLY if all(c.refit.cause.exact for c in causes) else OURS
-
-
 def _rejected(rival: Candidate, best: Candidate) -> bool:
     """Whether what is left tells the two apart: next to nothing under the best one, clearly more under the other, and
     more than our own error of its effect, which the true one may leave as well; the other's refit came to an end: of
@@ -104,7 +98,8 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     """
     left, other = 1 - best.explained, 1 - rival.explained
     noise, alone = best.misfit.z < MISFIT, not isinstance(rival.refit.cause, Beside)
-    ours = NOISE_ALONE if noise and alone and rival.promised < ENDED * rival.refit.cost else ours_of(best, rival) ** 2
+    ended = rival.promised < ENDED * rival.refit.cost
+    ours = NOISE_ALONE if noise and alone and ended else ours_of(best.refit, rival.refit) ** 2
     clean = noise or left < LEFT
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
@@ -125,7 +120,7 @@ def _margin(best: Candidate, rival: Candidate, wide: bool) -> float:
     error of OURS s turns the order about where d < 2 OURS s.
     """
     if best.misfit.z < CLEAN or 1 - best.explained < NOTHING or (wide and best.like_noise):
-        left, ours = (1 - best.explained) / best.explained, (2 * ours_of(best, rival)) ** 2
+        left, ours = (1 - best.explained) / best.explained, (2 * ours_of(best.refit, rival.refit)) ** 2
         return max(SURE, left * best.gained, ours * best.gained)
     return max(APART, APART_SHARE * best.gained)
 

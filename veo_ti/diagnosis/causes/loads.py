@@ -12,7 +12,6 @@ from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled
 from veo_ti.diagnosis.scene import Scene
 
-NEAR = 12  # spots of a closer look
 _SPREAD = 2.0  # spacings, where nothing else is known
 _LEVEL = 0.1  # sine of the slope, up to which a force may be meant to be level
 _TILT = 5.0  # standard deviations, by which a tilt may change the strength of gravity
@@ -40,8 +39,8 @@ class AtSpot(Cause):
         return [Patch(centre=tuple(x), radius=radius) for x in scene.cloud.x[scene.spots()].tolist()]
 
     def near(self, scene: Scene, place: Patch) -> Sequence[Patch]:
-        """Spots around it, and a narrower and wider one there."""
-        spots = scene.cloud.x[scene.spots_near(place.centre, NEAR)].tolist()
+        """All spots: what pulls on either side of a thin object does nearly the same. A narrower and wider one."""
+        spots = scene.cloud.x[scene.spots()].tolist()
         wider = [replace(place, radius=factor * place.radius) for factor in (0.6, 1.4, 2.0)]
         return [*(replace(place, centre=tuple(x)) for x in spots), *wider]
 
