@@ -61,7 +61,8 @@ def measured(result: Refit) -> list[tuple[Measure, float, float]]:
     if not courses:
         return []
     here = result.cause.measures(result.place)
-    change = np.stack([_values(result, on(result.place, 0.5)) - _values(result, on(result.place, -0.5)) for on in courses])
+    before, after = ([_values(result, on(result.place, step)) for on in courses] for step in (-0.5, 0.5))
+    change = np.subtract(after, before)
     sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * result.off_place)
     elsewhere = [_values(result, place) for place, _ in result.placed.elsewhere]
     ends = zip(*(measure.interval(float(s)) for measure, s in zip(here, sd, strict=True)), strict=True)
