@@ -137,7 +137,7 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, roug
     result.without = None
     late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0, effort=Effort()), fine=False)
     here, there = (Spot(place=place, coefficients=0.0, theta=0.0) for place in ("here", "there"))
-    shown = property(lambda tried: here if tried.stays else there)
+    shown = property(lambda tried: there if tried.roams > 1 else here)
     for name, value in {"tuned": result, "spot": shown, "following": None, "staying": 0}.items():
         monkeypatch.setattr(leaders.Tried, name, value)
     monkeypatch.setattr(leaders, "_narrowed", lambda found, *_: found)

@@ -17,7 +17,8 @@ def tried(monkeypatch):
     `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up; `tried.rough`: whether
     they are rough."""
     found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0)
-    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0))
+    nowhere = {"lags": False, "near": lambda *at: (), "courses": lambda *at: ()}
+    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0), **nowhere)
     model = SimpleNamespace(s2=2.0, effort=Effort(), basis=SimpleNamespace(stiffer=lambda a, nats: a))
     known = {"tuned": found, "following": model, "staying": 10.0}
 
@@ -40,21 +41,26 @@ def tried(monkeypatch):
     return make
 
 
-@pytest.mark.parametrize(("then", "taken", "stays"), [(0.2, True, False), (0.95, True, True), (1.2, False, True)])
-def test_another_place_must_leave_less_and_clearly_less_for_yet_another(then, taken, stays, tried):
-    tried.then = [then]
+@pytest.mark.parametrize(("then", "taken", "roams"), [(0.2, True, 2), (0.95, True, 1), (1.2, False, 1)])
+def test_another_place_must_leave_less_and_clearly_less_for_yet_another(then, taken, roams, tried):
+    """Else one along the courses still may, and must then as well."""
+    tried.then = [then, 2.0]
     after = tried.again(tried(1.0))
     assert tried.begun == [(2, 15.0)]  # given up where it would cost half more
-    assert (after.left == then) == taken and after.stays == stays
+    assert (after.left == then) == taken and after.roams == roams
+    after.__dict__["spot"] = Spot(place=3, coefficients=0.0, theta=0.0)
+    assert tried.again(after).roams == roams - 1 and tried.begun[1:] == [(3, 15.0)]
 
 
 @pytest.mark.parametrize(("then", "taken"), [(0.2, True), (1.2, True), (2.0, False)])
 def test_a_closer_look_that_leads_away_is_not_taken_and_not_repeated(then, taken, tried):
     """It is at the same place still where another one led nowhere."""
     tried.then = [3.0, then]
-    stayed = tried.again(tried(1.0))
+    one = replace(tried(1.0), roams=1)
+    one.__dict__["spot"] = Spot(place=2, coefficients=0.0, theta=0.0)
+    stayed = tried.again(one)
     after = tried.again(stayed)
-    assert tried.begun[1:] == [(1, np.inf)] and (after.left == then) == taken and after.stays
+    assert tried.begun[1:] == [(1, np.inf)] and (after.left == then) == taken and not after.roams
     if not taken:
         assert after.left == 1.0 and tried.again(after) is after
 
@@ -63,7 +69,7 @@ def test_a_closer_look_that_leads_away_is_not_taken_and_not_repeated(then, taken
 def test_a_fit_goes_to_its_end_where_little_is_left_and_no_longer_ever_less(left, enough, rough, tried):
     """The last one was made for a variance of 2: a fit that left less than half of that is followed by another."""
     tried.then = [1.0]
-    one = replace(tried(left), stays=True)
+    one = replace(tried(left), roams=0)
     one.__dict__["spot"] = Spot(place=1, coefficients=0.0, theta=0.0)
     tried.again(one, enough)
     assert tried.rough == [rough]

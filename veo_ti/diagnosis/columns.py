@@ -48,15 +48,21 @@ def directions_of(cause: Cause, scene: Scene, place: Any, theta: np.ndarray | No
 
 def _around(cause: Cause, scene: Scene, place: Any, theta: np.ndarray, i: int, step: float) -> Direction:
     axis = step * np.eye(len(theta))[i]
-    ahead, behind = (cause.change(scene, theta + s * axis, place) for s in (1, -1))
+    behind, ahead = (cause.change(scene, theta + s * axis, place) for s in (-1, 1))
+    return between(behind, ahead, 2 * step)
+
+
+def between(behind: Change, ahead: Change, scale: float = 1.0) -> Direction:
+    """From one change to another, which differ by so much of a coefficient."""
     terms = (*ahead.terms, *(Negated(term=t) for t in behind.terms))
     observe = None
-    if ahead.observe is not None:
+    if ahead.observe is not None or behind.observe is not None:
+        one, other = (change.observe or (lambda y, frames: y) for change in (behind, ahead))
 
         def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
-            return y + ahead.observe(y, frames) - behind.observe(y, frames)
+            return y + other(y, frames) - one(y, frames)
 
-    return Direction(change=Change(terms=terms, observe=observe), scale=2 * step)
+    return Direction(change=Change(terms=terms, observe=observe), scale=scale)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -37,7 +37,7 @@ class Tried:
     model: Model
     left: float
     fine: bool  # whether the refit went to its end
-    stays: bool = False  # whether another place brought little or nothing
+    roams: int = 2  # 2: to any place, 1: along courses only, as another brought little or nothing, 0: no more
     spent: bool = False  # whether another look at this one did
 
     @classmethod
@@ -65,10 +65,7 @@ class Tried:
     @cached_property
     def spot(self) -> Spot:
         """Where the next fit begins."""
-        result = self.tuned
-        if self.stays:
-            return Spot(place=result.place, coefficients=result.coefficients, theta=result.theta)
-        return better_place(result, self.following)
+        return better_place(self.tuned, self.following, roams=self.roams)
 
 
 def cost_under(model: Model, result: Refit) -> float:
@@ -125,8 +122,8 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
     after = Tried.of(again, tried.following, modes, fine=fine)
     if moved:  # it may lead back and forth
         better = after if after.left < tried.left else tried
-        return replace(better, stays=after.left > CLOSER * tried.left)
-    return replace(after, stays=tried.stays) if after.left < _LOST * tried.left else replace(tried, spent=True)
+        return replace(better, roams=tried.roams - (after.left > CLOSER * tried.left))
+    return replace(after, roams=tried.roams) if after.left < _LOST * tried.left else replace(tried, spent=True)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:

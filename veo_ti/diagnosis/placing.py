@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from sim.evidence import Posterior, posterior
-from veo_ti.diagnosis.causes.base import Change
 from veo_ti.diagnosis.causes.courses import Course
-from veo_ti.diagnosis.columns import Direction, Negated, directions_of
+from veo_ti.diagnosis.columns import between, directions_of
 from veo_ti.diagnosis.fitted import Refit
-from veo_ti.diagnosis.model import Model, shown_by
+from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.moments import Along, Fingerprints, answered_as_shown
 
 _WORTH = 3.0  # nats that another place must promise
@@ -27,17 +26,19 @@ class Spot:
     theta: np.ndarray
 
 
-def better_place(result: Refit, model: Model) -> Spot:
+def better_place(result: Refit, model: Model, *, roams: int = 2) -> Spot:
     """The place near that of a refitted cause at which it would explain most, material and parameters moving with it.
 
     Linear about the refit: it is taken from its place to another as it is; a cause that lags, and pushes nothing, is
-    also tried at each place as if it were new. Its own place as it was, where none is clearly better.
+    also tried at each place as if it were new. Its own place as it was, where none is clearly better. roams: 2 to any
+    place, 1 along courses only, 0 nowhere.
     """
     here, cause = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta), result.cause
     others = [*(cause.places(result.without) if cause.lags else ()), *cause.near(result.without, result.place)]
-    places = [result.place, *others, *further(result, result.place, model)]
-    if len(places) == 1:
+    places = [*(others if roams > 1 else ()), *(further(result, result.place, model) if roams else ())]
+    if not places:
         return here
+    places = [result.place, *places]
     ways = [moved(result, model, places)]
     if cause.lags:
         ways.append(_as_new(result, model, places))
@@ -98,46 +99,37 @@ def moved(result: Refit, model: Model, places: Sequence[Any], ends: Sequence[Any
     frames, kept, count = result.kept.frames, result.kept.columns, len(places)
     residual, some = scene.target.residual(result.simulated), np.flatnonzero(theta)
     taken, own = np.repeat(residual[None], count, axis=0), [[] for _ in places]
-    shown = _shown_elsewhere if result.cause.lags and not ends else _pushed_elsewhere
-    for t, X, S in zip(frames, kept, shown(result, [*places, *ends]), strict=True):
+    for t, X, S in zip(frames, kept, _elsewhere(result, [*places, *ends]), strict=True):
         seen = scene.target.seen[t]
         more = S[:, :, seen].reshape(*S.shape[:2], -1)
         on = more[count:].sum(axis=1)
         for place, each in enumerate(more[:count]):
             taken[place, t, seen] -= each.sum(axis=0).reshape(-1, 3)
             rows = X[n:].copy()
-            if len(each) == len(some):
-                rows[some] += (each / theta[some, None]).astype(np.float32)
+            rows[some] += (each / theta[some, None]).astype(np.float32)
             own[place].append(np.concatenate([rows, (on[1::2] - on[::2]).astype(np.float32)]))
     c = len(ends) // 2
     at, prior = np.append(result.around, np.zeros(c)), np.append(result.prior, np.ones(c))
     return [_explained(result, n, rows, at, r, prior, model) for rows, r in zip(own, taken, strict=True)]
 
 
-def _shown_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
-    """What is seen of the same motion with the cause at other places, (P, 1, N, 3), frame by frame."""
-    scene, theta, now = result.scene, result.theta, result.simulated
-    there = [shown_by(scene, result.cause.change(scene, theta, place)) for place in places]
-    yield from (np.stack([y[t] - now[t] for y in there])[:, None] for t in result.kept.frames)
-
-
-def _pushed_elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
-    """How the motion moves with it, by each of the parameters that are not zero, (P, d, N, 3), frame by frame."""
-    scene, cause, theta = result.scene, result.cause, result.theta
+def _elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
+    """How what is seen of the motion changes with the cause at other places, by each of the parameters that are not
+    zero, (P, d, N, 3), frame by frame."""
+    scene, cause, theta, frames = result.scene, result.cause, result.theta, result.kept.frames
     each = [theta * axis for axis in np.eye(len(theta)) if theta @ axis]
-    here = [tuple(Negated(term=term) for term in cause.change(scene, own, result.place).terms) for own in each]
-    ways = [
-        Direction(change=Change(terms=(*cause.change(scene, own, place).terms, *away)), scale=1.0)
-        for place in places
-        for own, away in zip(each, here, strict=True)
-    ]
+    here, *there = ([cause.change(scene, own, place) for own in each] for place in (result.place, *places))
+    ways = [between(now, then) for changes in there for now, then in zip(here, changes, strict=True)]
     beside, materials = Along.with_cause(cause, scene, theta, result.place), np.zeros((0, scene.cloud.count, 2))
 
     def forces_of(chosen: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         return lambda local: np.stack([d.forces(scene, chosen[local]) for d in ways], axis=1)
 
-    for S in answered_as_shown(scene, forces_of, result.kept.frames, beside, materials):
-        yield S.reshape(-1, len(each), *S.shape[1:])
+    pushes = any(d.change.terms for d in ways)
+    pushed = answered_as_shown(scene, forces_of, frames, beside, materials) if pushes else np.zeros(len(frames))
+    for t, S in zip(frames, pushed, strict=True):
+        moves = np.stack([d.moves(scene, np.array([t]))[0] for d in ways])
+        yield (S + moves).reshape(-1, len(each), *moves.shape[1:])
 
 
 def _explained(

@@ -115,7 +115,7 @@ class Cause:
         return (None,)
 
     def near(self, scene: Scene, place: Any) -> Sequence[Any]:
-        """Places between `place` and the others that were scanned, for a closer look."""
+        """Other places for a closer look: between `place` and those that were scanned, or all of these again."""
         return ()
 
     def courses(self, scene: Scene, place: Any) -> Sequence[Course]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.vibration import Vibrations, follow
-from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.courses import Course, scaled
 from veo_ti.diagnosis.causes.lagging import Response, behind, further
 from veo_ti.diagnosis.causes.swings import Creep, Swings
 from veo_ti.diagnosis.scene import Scene
@@ -74,6 +75,14 @@ class Inertia(Cause):
         ratios = (place.ratio * factor for factor in (0.5, 0.7, 1.4, 2.0))
         between = [replace(place, ratio=ratio) for ratio in ratios if ratio < _RINGS]
         return [*between, replace(place, smooth=not place.smooth)]
+
+    def courses(self, scene: Scene, place: Ring) -> Sequence[Course]:
+        """Of damping ratios."""
+        return (lambda at, steps: replace(at, ratio=min(scaled(at.ratio, steps), _RINGS)),)
+
+    def measures(self, place: Ring) -> Sequence[Measure]:
+        """The damping ratio."""
+        return (Measure("damping_ratio", "-", place.ratio, scale=True),)
 
     def begin(self, place: Ring) -> tuple[Ring, float]:
         """The object is made stiffer, and rings at its own stiffness."""
