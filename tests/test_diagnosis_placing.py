@@ -7,16 +7,19 @@ import pytest
 from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from veo_ti.diagnosis.causes.beside import Beside
+from veo_ti.diagnosis.causes.dynamics import Inertia, Ring
 from veo_ti.diagnosis.causes.history import Softening, Viscoelasticity
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.fitted import OURS
 from veo_ti.diagnosis.intervals import measured, unsure_of_place
+from veo_ti.diagnosis.model import shown_by
 from veo_ti.diagnosis.placing import better_place, moved
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.solved import solved
 
 SHARE, TAU, START = 1.5, 1.2, 2.4  # [s]; frames are a second apart
+MASS = 0.05  # [kg]
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +82,22 @@ def test_a_time_constant_between_those_that_are_tried_is_found(creeping, model):
     start, half = np.zeros(len(model.prior)), np.array([0.5])
     found = refit(creeping, model, start, cause=Viscoelasticity(), place=1.25 * TAU, theta=half)
     assert abs(np.log(better_place(found, model).place / TAU)) < 0.05
+
+
+def test_a_damping_ratio_between_those_that_are_tried_is_found(scene, model):  # noqa: F811
+    """At another one the mass makes up for it, and comes out wrong."""
+    weighed = replace(scene, observation=replace(scene.observation, mass=MASS))
+    ring, start = Ring(ratio=0.12, power=-1), np.zeros(len(model.prior))
+    true = solved(Problem.of(weighed, model, Inertia(), ring), weighed, start, np.ones(1))
+    noise = NOISE * np.random.default_rng(5).normal(size=scene.y.shape)
+    y = shown_by(true.scene, Inertia().change(true.scene, np.ones(1), ring)) + noise
+    filmed, there = replace(weighed, target=replace(scene.target, y=y, sigma=NOISE)), replace(ring, ratio=0.16)
+    found = refit(filmed, model, start, cause=Inertia(), place=there, theta=np.ones(1))
+    spot = better_place(found, model, roams=1)
+    assert spot.place.ratio == pytest.approx(0.12, rel=0.1)
+    again = refit(filmed, model, spot.coefficients, cause=Inertia(), place=spot.place, theta=spot.theta)
+    assert abs(again.theta[0] - 1) < min(0.02, 0.5 * abs(found.theta[0] - 1))
+    assert better_place(found, model, roams=0).place is found.place
 
 
 def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noqa: F811
