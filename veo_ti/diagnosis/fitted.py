@@ -91,11 +91,9 @@ class Refit:
     @property
     def interval(self) -> tuple[np.ndarray, np.ndarray]:
         """The ends (d,) of 95 % intervals, which hold the parameters at other places that are as likely."""
-        others = () if self.placed is None else self.placed.elsewhere
-        ends = [self.cause.interval(self.theta, self.spread)]
-        ends += [self.cause.interval(theta, self.beside_ours(self.sd)) for _, theta in others]
-        low, high = zip(*ends, strict=True)
-        return np.min(low, axis=0), np.max(high, axis=0)
+        low, high = self.cause.interval(self.theta, self.spread)
+        others = [] if self.placed is None else [theta for _, theta in self.placed.elsewhere]
+        return np.min([low, *others], axis=0), np.max([high, *others], axis=0)
 
     def beside_ours(self, sd: np.ndarray) -> np.ndarray:
         """The standard deviations sd (d,) with what the simulation itself gets wrong, of one cause."""

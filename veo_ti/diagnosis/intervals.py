@@ -46,8 +46,8 @@ def _as_likely(result: Refit, model: Model) -> tuple[tuple[Any, np.ndarray], ...
     more = [place for i in best for place in further(result, there[i], model)]
     found += moved(result, model, more) if more else []
     least = here.evidence - _LIKELY * result.off_place
-    each = zip([*there, *more], found, strict=True)
-    return tuple((at, one.mean[n:]) for at, one in each if one.evidence > least)
+    likely = [(at, one.mean[n:]) for at, one in zip([*there, *more], found, strict=True) if one.evidence > least]
+    return tuple((at, theta) for at, theta in likely if (theta[cause.positive] > 0).all())
 
 
 def measured(result: Refit) -> list[tuple[Measure, float, float]]:
