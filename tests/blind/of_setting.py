@@ -94,7 +94,7 @@ def inertia(rng: np.random.Generator, scene: Scene) -> Hidden:
 
     return Hidden(
         name="inertia", start=100.0, most=900.0, change=change, density=True, details={"damping_ratio": ratio},
-        tells=lambda density: {"share": 1.0},
+        tells=lambda density: {"share": 1.0, "damping_ratio": ratio},
     )  # fmt: skip
 
 
