@@ -60,6 +60,13 @@ def test_what_is_promised_elsewhere_is_what_a_refit_brings_there(creeping, model
     assert begun - least < 0.2 * (stayed - least)
 
 
+def test_a_cause_that_does_nothing_does_nothing_elsewhere(creeping, model):  # noqa: F811
+    found = refit(creeping, model, np.zeros(len(model.prior)), cause=Viscoelasticity(), place=START, theta=np.zeros(1))
+    absent = replace(found, theta=np.zeros(1))
+    here, there = moved(absent, model, [START, 0.5 * START])
+    assert here.evidence == there.evidence
+
+
 def test_a_move_begins_at_what_is_most_probable_there(creeping, model, monkeypatch):  # noqa: F811
     start, half, begun = np.zeros(len(model.prior)), np.array([0.5]), []
     found = refit(creeping, model, start, cause=Viscoelasticity(), place=START, theta=half)

@@ -41,6 +41,8 @@ def _as_likely(result: Refit, model: Model) -> tuple[tuple[Any, np.ndarray], ...
     on along the courses."""
     cause, scene, n = result.cause, result.without, len(result.coefficients)
     there = [] if cause.lags else list(cause.near(scene, result.place))
+    if not there:
+        return ()
     here, *found = moved(result, model, [result.place, *there])
     best = sorted(range(len(there)), key=lambda i: -found[i].evidence)[:_BEST]
     more = [place for i in best for place in further(result, there[i], model)]

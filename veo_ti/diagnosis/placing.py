@@ -117,7 +117,7 @@ def _elsewhere(result: Refit, places: Sequence[Any]) -> Iterator[np.ndarray]:
     """How what is seen of the motion changes with the cause at other places, by each of the parameters that are not
     zero, (P, d, N, 3), frame by frame."""
     scene, cause, theta, frames = result.scene, result.cause, result.theta, result.kept.frames
-    each = [theta * axis for axis in np.eye(len(theta)) if theta @ axis]
+    each = [theta * axis for axis in np.eye(len(theta)) if theta @ axis] or [theta]
     here, *there = ([cause.change(scene, own, place) for own in each] for place in (result.place, *places))
     ways = [between(now, then) for changes in there for now, then in zip(here, changes, strict=True)]
     beside, materials = Along.with_cause(cause, scene, theta, result.place), np.zeros((0, scene.cloud.count, 2))
