@@ -175,13 +175,12 @@ def test_gain_that_was_not_measured_or_may_be_chance_is_said(pulled):
 
 
 def test_sizes_are_read_in_everyday_units():
-    assert (amount(0.012, "m"), amount(np.pi, "rad"), amount(2.0, "N"), amount(0.3, "-")) == (
-        "12 mm", "180 degrees", "2 N", "0.3",
-    )  # fmt: skip
+    read = amount(0.012, "m"), amount(np.pi, "rad"), amount(2.0, "N"), amount(0.3, "-")
+    assert read == ("12 mm", "180 degrees", "2 N", "0.3")
     by_name = {cause.name: cause for cause in CATALOGUE}
     assert size(by_name["force_offset"], np.array([3e-3, 0, 4e-3]), (-np.ones(3), np.ones(3))) == "shift 5 mm"
-    ends = np.array([0.018]), np.array([0.022])
-    assert size(by_name["stiffness_drift"], np.array([0.02]), ends) == "drift 0.02 ± 0.002 1/session"
+    drift, theta = by_name["stiffness_drift"], np.array([0.02])
+    assert size(drift, theta, drift.interval(theta, np.array([0.001]))) == "drift 0.02 ± 0.00196 1/session"
 
 
 def test_page_stands_alone_and_begins_with_the_sentence(pulled, folder):
