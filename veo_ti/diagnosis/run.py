@@ -24,8 +24,8 @@ from veo_ti.diagnosis.verdict import (
     Verdict,
     either,
     leaves_much,
+    nearly_all,
     stands,
-    sufficient,
     unexplained,
 )
 from veo_ti.diagnosis.visible import Left
@@ -171,7 +171,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     steady = not lost and more is not None and found.refit.cause.exact and found.misfit.z > CLEAR
     if not (lost or steady):
         return both
-    near = [c for c in wider.candidates if c.able and c.settled and sufficient(c) and c.name != found.name]
+    near = [c for c in wider.candidates if c.name != found.name and c.able and c.settled and nearly_all(c)]
     if not near:
         return [_unexplained(first)] if lost and leaves_much(found) else both
     unsure = replace(wider, verdict=either((found, *near)), extended=None)

@@ -217,6 +217,11 @@ def sufficient(candidate: Candidate) -> bool:
     return candidate.plausible and candidate.testable and candidate.certain and stands([candidate])
 
 
+def nearly_all(candidate: Candidate) -> bool:
+    """Whether that and it explains nearly all: much that is left like noise is no noise where another leaves less."""
+    return sufficient(candidate) and candidate.explained > TOGETHER
+
+
 def explained_by(causes: Sequence[Candidate]) -> float:
     """Share of what was wrong that causes explain together, each found beside those before it."""
     return 1 - math.prod(1 - c.explained for c in causes)
