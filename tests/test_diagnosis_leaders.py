@@ -134,6 +134,7 @@ def test_what_leaves_far_more_than_those_before_gets_no_second_look(leaves, roug
     begun, cause = [], SimpleNamespace(name="late")
     before = leaders.Refitted(refits=("first",), s2=1.0, least=1.0, rough=rough)
     result = SimpleNamespace(place="here", cause=cause, evidence=lambda s2: 0.0, coefficients=0.0, theta=0.0)
+    result.cost, result.short = 1.0, 0.0
     result.without = None
     late = leaders.Tried(result=result, left=leaves, model=SimpleNamespace(s2=9.0, effort=Effort()), fine=False)
     here, there = (Spot(place=place, coefficients=0.0, theta=0.0) for place in ("here", "there"))

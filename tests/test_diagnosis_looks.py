@@ -15,8 +15,9 @@ from veo_ti.diagnosis.placing import Spot
 def tried(monkeypatch):
     """Makes a cause that was tried at place 1 and leaves so much, where place 2 shows; later ones leave the next of
     `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up; `tried.rough`: whether
-    they are rough."""
-    found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0)
+    they are rough; `tried.started`: coefficients and theta that they start from."""
+    found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0, cost=100.0)
+    found.short = 1.0
     nowhere = {"lags": False, "near": lambda *at: (), "courses": lambda *at: ()}
     found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0), **nowhere)
     model = SimpleNamespace(s2=2.0, effort=Effort(), basis=SimpleNamespace(stiffer=lambda a, nats: a))
@@ -31,11 +32,12 @@ def tried(monkeypatch):
         one.__dict__.update(known)
         return looks.looked(one, 0.9, enough, None, str)
 
-    def refit(*given, place, most, rough, **more) -> None:
+    def refit(scene, model, start, *, place, rough, theta, most=np.inf, **more) -> None:
+        make.started.append((start, theta))
         make.begun.append((place, most))
         make.rough.append(rough)
 
-    make.then, make.begun, make.rough, make.again = [], [], [], again
+    make.then, make.begun, make.rough, make.started, make.again = [], [], [], [], again
     monkeypatch.setattr(looks, "refit", refit)
     monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: make(make.then.pop(0)))
     return make
@@ -73,6 +75,21 @@ def test_a_fit_goes_to_its_end_where_little_is_left_and_no_longer_ever_less(left
     one.__dict__["spot"] = Spot(place=1, coefficients=0.0, theta=0.0)
     tried.again(one, enough)
     assert tried.rough == [rough]
+
+
+@pytest.mark.parametrize(("then", "left"), [(0.8, 0.8), (1.9, 1.5)])
+def test_a_fit_that_crept_is_begun_anew_once_from_a_homogeneous_object_without_the_cause(then, left, tried):
+    """Not while what it leaves still falls by half; as it was where that leaves more."""
+    tried.then = [then, 0.7]
+    one = tried(1.5)
+    one.result.short, one.result.coefficients, one.result.theta = 3.0, np.ones(4), np.ones(3)
+    one.__dict__["spot"] = Spot(place=1, coefficients=None, theta=None)
+    after = tried.again(one)
+    (start, theta), *_ = tried.started
+    assert after.anew and after.left == left and not start.any() and not theta.any() and len(start) == 4
+    tried.again(replace(after, fine=False))
+    assert len(tried.started) == 2 and tried.started[1][0].all()
+    assert not tried(0.9).crept and tried(1.1).crept
 
 
 @pytest.mark.parametrize(("leaves", "asked", "left"), [

@@ -20,6 +20,7 @@ from veo_ti.diagnosis.score import Score
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
 LOOKS = 4  # at most that it gets; and
 _FALLING = 0.5  # of it, less than which it may leave still less; and
+_CREPT = 0.02  # of its cost, more than which a fit that ended early still promises
 _LOST = 1.5  # times the variance, which one at the same place may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
@@ -39,6 +40,7 @@ class Tried:
     fine: bool  # whether the refit went to its end
     roams: int = 2  # 2: to any place, 1: along courses only, as another brought little or nothing, 0: no more
     spent: bool = False  # whether another look at this one did
+    anew: bool = False  # whether it was begun anew
 
     @classmethod
     def of(cls, result: Refit, model: Model, modes: np.ndarray, *, fine: bool) -> "Tried":
@@ -51,6 +53,11 @@ class Tried:
     def tuned(self) -> Refit:
         """Under the prior of highest evidence at what it leaves."""
         return self.result.tuned(self.model, self.left)
+
+    @property
+    def crept(self) -> bool:
+        """Whether the fit ended on a way that goes on, though what it leaves hardly falls any more."""
+        return self.result.short > _CREPT * self.result.cost and self.left > _FALLING * self.model.s2
 
     @cached_property
     def following(self) -> Model:
@@ -94,8 +101,8 @@ def tried_once(found: Score, current: Refit, model: Model, say: Progress, most: 
 
 def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Progress) -> Tried:
     """The same cause, refitted again if that is worth it: at what it leaves, and at the place that shows beside the
-    refitted material; to the end if it leaves little `enough`. As it was, if that leads away; another place must leave
-    less, and clearly less for there to be yet another."""
+    refitted material; to the end if it leaves little `enough`; once anew, if its fit crept. As it was, if that leads
+    away; another place must leave less, and clearly less for there to be yet another."""
     if tried.spent or tried.model.effort.over or tried.left > NEARBY * least:
         return tried
     result, s2, spot = tried.tuned, tried.left, tried.spot
@@ -104,8 +111,11 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
     # To the end where it stays, and not while it goes on to leave far less: then another look follows.
     fine = s2 < enough and not moved and s2 > _FALLING * tried.model.s2
     closer = s2 < CLOSER * tried.model.s2 or more > WORTH or (fine and not tried.fine)
-    if not moved and not (closer and s2 < IN_REACH * least):
+    anew = not moved and tried.crept and not tried.anew
+    if not moved and not ((closer or anew) and s2 < IN_REACH * least):
         return tried
+    if anew:
+        return _begun_anew(tried, modes, say, fine=fine)
     say(f"{cause.name} at a better place" if moved else f"closer look at {cause.name}")
     place, start, theta, shift, since, most = spot.place, result.coefficients, spot.theta, None, None, np.inf
     if moved:
@@ -122,8 +132,24 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
     after = Tried.of(again, tried.following, modes, fine=fine)
     if moved:  # it may lead back and forth
         better = after if after.left < tried.left else tried
-        return replace(better, roams=tried.roams - (after.left > CLOSER * tried.left))
-    return replace(after, roams=tried.roams) if after.left < _LOST * tried.left else replace(tried, spent=True)
+        return replace(better, roams=tried.roams - (after.left > CLOSER * tried.left), anew=tried.anew)
+    if after.left < _LOST * tried.left:
+        return replace(after, roams=tried.roams, anew=tried.anew)
+    return replace(tried, spent=True)
+
+
+def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -> Tried:
+    """Fitted from a homogeneous object without the cause: the material that was fitted before the cause was known had
+    to imitate it, and a fit that starts there may creep along a valley. As it was, where that leaves more."""
+    result = tried.tuned
+    say(f"{result.cause.name} anew, from a homogeneous object")
+    place, start, far = _begun(result.cause, result.place, np.zeros_like(result.coefficients), tried.model)
+    again = refit(
+        result.without, tried.following, start, cause=result.cause, place=place,
+        theta=np.zeros_like(result.theta) if far is None else far, rough=not fine,
+    )  # fmt: skip
+    after = Tried.of(again, tried.following, modes, fine=fine)
+    return replace(after if after.left < tried.left else tried, roams=tried.roams, anew=True)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:

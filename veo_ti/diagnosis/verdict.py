@@ -120,7 +120,8 @@ def _margin(best: Candidate, rival: Candidate, wide: bool) -> float:
     error of OURS s turns the order about where d < 2 OURS s.
     """
     if best.misfit.z < CLEAN or 1 - best.explained < NOTHING or (wide and best.like_noise):
-        left, ours = (1 - best.explained) / best.explained, (2 * ours_of(best.refit, rival.refit)) ** 2
+        left = 0.0 if best.like_noise else (1 - best.explained) / best.explained
+        ours = (2 * ours_of(best.refit, rival.refit)) ** 2
         return max(SURE, left * best.gained, ours * best.gained)
     return max(APART, APART_SHARE * best.gained)
 
