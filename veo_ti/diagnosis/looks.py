@@ -20,11 +20,11 @@ from veo_ti.diagnosis.score import Score
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
 LOOKS = 4  # at most that it gets; and
 _FALLING = 0.5  # of it, less than which it may leave still less; and
-_CREPT = 0.02  # of its cost, more than which a fit that ended early still promises
 _LOST = 1.5  # times the variance, which one at the same place may leave instead and count; and
 _BEYOND = 3  # beyond the first order, where it is followed to that only
 WORTH = 5.0  # nats of evidence, that another prior of the material must bring
 IN_REACH, NEARBY = 2.0, 5.0  # times the least that any leaves, to be fitted again; and if another place is better
+_CREPT = 0.02  # of its cost, more than which a fit that ended early still promises
 _NO_WORSE = 1.5  # times the cost of staying, more than which another place may not promise
 
 Progress = Callable[[str], None]
@@ -53,6 +53,10 @@ class Tried:
     def tuned(self) -> Refit:
         """Under the prior of highest evidence at what it leaves."""
         return self.result.tuned(self.model, self.left)
+
+    def then(self, result: Refit, modes: np.ndarray, *, fine: bool) -> "Tried":
+        """After another look, which knows what became of those before."""
+        return replace(Tried.of(result, self.following, modes, fine=fine), roams=self.roams, anew=self.anew)
 
     @property
     def crept(self) -> bool:
@@ -129,13 +133,11 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
         result.without, tried.following, start, cause=cause, place=place, theta=theta, shift=shift, since=since,
         rough=not fine, most=most, onward=None if moved else result,
     )  # fmt: skip
-    after = Tried.of(again, tried.following, modes, fine=fine)
+    after = tried.then(again, modes, fine=fine)
     if moved:  # it may lead back and forth
         better = after if after.left < tried.left else tried
-        return replace(better, roams=tried.roams - (after.left > CLOSER * tried.left), anew=tried.anew)
-    if after.left < _LOST * tried.left:
-        return replace(after, roams=tried.roams, anew=tried.anew)
-    return replace(tried, spent=True)
+        return replace(better, roams=tried.roams - (after.left > CLOSER * tried.left))
+    return after if after.left < _LOST * tried.left else replace(tried, spent=True)
 
 
 def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -> Tried:
@@ -148,8 +150,8 @@ def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -
         result.without, tried.following, start, cause=result.cause, place=place,
         theta=np.zeros_like(result.theta) if far is None else far, rough=not fine,
     )  # fmt: skip
-    after = Tried.of(again, tried.following, modes, fine=fine)
-    return replace(after if after.left < tried.left else tried, roams=tried.roams, anew=True)
+    after = tried.then(again, modes, fine=fine)
+    return replace(after if after.left < tried.left else tried, anew=True)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:

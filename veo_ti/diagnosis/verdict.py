@@ -219,7 +219,7 @@ def sufficient(candidate: Candidate) -> bool:
 
 
 def nearly_all(candidate: Candidate) -> bool:
-    """Whether that and it explains nearly all: much that is left like noise is no noise where another leaves less."""
+    """Whether it is, and leaves little: much that goes on like noise is none where another cause leaves less."""
     return sufficient(candidate) and candidate.explained > TOGETHER
 
 
