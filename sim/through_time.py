@@ -37,12 +37,13 @@ def settle(
     `remembered` gives the energy at a motion, with what is remembered of it, and how frames pass on their changes. A
     step solves the block triangular system of all frames in turn. It is taken if what is left to go by the same factors
     falls (Deuflhard's natural monotonicity test, Newton Methods for Nonlinear Problems, 3.3): forces may well rise on
-    the way of a large turn. None is made after one of root mean square below `still` [m]. Factors, of a motion nearby,
-    serve until a step with them leaves too much, and more than one with fresh ones did (some of what is remembered may
-    not be told). Where no step along the direction leaves less, a tangent is not positive definite (what it leads to
-    may be no minimum), or the caller is not `patient` and one with fresh factors leaves much, or the first one, with
-    those given, as much as there was, the motion so far is returned, and the status of its frames says so. Not where
-    the step would be smaller than `stalled` [m]: strains that take turns in being remembered leave no smaller ones.
+    the way of a large turn. The last one is of root mean square below `still` [m]; it may be the one by which that was
+    tested. Factors, of a motion nearby, serve until a step with them leaves too much, and more than one with fresh ones
+    did (some of what is remembered may not be told). Where no step along the direction leaves less, a tangent is not
+    positive definite (what it leads to may be no minimum), or the caller is not `patient` and one with fresh factors
+    leaves much, or the first one, with those given, as much as there was, the motion so far is returned, and the status
+    of its frames says so. Not where the step would be smaller than `stalled` [m]: strains that take turns in being
+    remembered leave no smaller ones.
     """
     options = options or NewtonOptions()
     here, fresh, steps, ending, expected = _State.at(remembered, start), False, 0, Status.ITERATIONS, _KEEPS
@@ -53,10 +54,14 @@ def settle(
                 ending = Status.LINE_SEARCH
                 break
         direction = here.way(factors, here.gradient)
-        there, left = _searched(remembered, here, factors, direction, _HALVES if fresh else 1)
+        there, following = _searched(remembered, here, factors, direction, _HALVES if fresh else 1)
+        left = np.inf if there is None else _size(following) / max(_size(direction), 1e-300)
         steps += 1
         if _size(direction) < still:
             here, ending = there or here, Status.CONVERGED
+            break
+        if there is not None and _size(following) < still:
+            here, ending = there.moved(remembered, following) or there, Status.CONVERGED
             break
         if there is None and fresh:
             ending = Status.CONVERGED if _size(direction) < stalled else Status.LINE_SEARCH
@@ -78,27 +83,20 @@ def settle(
 
 def _searched(
     remembered: Remembered, here: "_State", factors: DirectFactors, direction: np.ndarray, tries: int
-) -> tuple["_State | None", float]:
-    """The first of ever shorter steps that leaves less to go, and the share of the way that it leaves; else None."""
-    least, whole = _OPEN * np.minimum(_smallest(here.energy, here.y), 1.0), max(_size(direction), 1e-300)
+) -> tuple["_State | None", np.ndarray | None]:
+    """The first of ever shorter steps that leaves less to go, and the step by the same slopes that it leaves; else
+    None."""
     for k in range(tries):
-        y = here.y + 0.5**k * direction
-        if (_smallest(here.energy, y) > least).all():
-            there = _State.at(remembered, y)
-            left = _size(here.way(factors, there.gradient)) / whole
-            if left < 1 - _FELL * 0.5**k:
-                return there, left
-    return None, np.inf
+        there = here.moved(remembered, 0.5**k * direction)
+        following = None if there is None else here.way(factors, there.gradient)
+        if following is not None and _size(following) < (1 - _FELL * 0.5**k) * _size(direction):
+            return there, following
+    return None, None
 
 
 def _size(way: np.ndarray) -> float:
     """Root mean square."""
     return float(np.sqrt((way**2).mean()))
-
-
-def _smallest(energy: Energy, y: np.ndarray) -> np.ndarray:
-    """J, (T,)."""
-    return np.linalg.det(energy.elastic.cloud.deformation_gradient(y)).min(axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,14 +106,28 @@ class _State:
     pasts: Callable[[], Sequence[Past]]
     gradient: np.ndarray
     residual: np.ndarray
+    smallest: np.ndarray  # J of each frame
 
     @classmethod
     def at(cls, remembered: Remembered, y: np.ndarray) -> "_State":
         energy, pasts = remembered(y)
         gradient = energy.gradient(y)
         residual = np.linalg.norm(gradient, axis=(1, 2)) / energy.scale(y)
-        return cls(y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual)
+        return cls(
+            y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual, smallest=_smallest(energy, y)
+        )  # fmt: skip
+
+    def moved(self, remembered: Remembered, step: np.ndarray) -> "_State | None":
+        """After a step (T, N, 3) [m]; None where that nearly closes a point."""
+        y = self.y + step
+        least = _OPEN * np.minimum(self.smallest, 1.0)
+        return self.at(remembered, y) if (_smallest(self.energy, y) > least).all() else None
 
     def way(self, factors: DirectFactors, gradient: np.ndarray) -> np.ndarray:
         """Newton's step from a gradient (T, N, 3) [N], by the slopes of this state, (T, N, 3) [m]."""
         return np.concatenate(list(answers_in_turn(self.energy, factors, -gradient[:, None], self.pasts())))
+
+
+def _smallest(energy: Energy, y: np.ndarray) -> np.ndarray:
+    """J, (T,)."""
+    return np.linalg.det(energy.elastic.cloud.deformation_gradient(y)).min(axis=1)

@@ -153,7 +153,8 @@ def _lower(
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
         if lower < cost:
-            return (trial, lower), step, care if k else care.less
+            as_told = cost - lower > _KEPT * end.way.promised(step)
+            return (trial, lower), step, care.less if as_told and not k else care
         care = care.shorter if trial is not None and lower == np.inf else care.damped
     return None, step, care
 

@@ -15,7 +15,8 @@ from veo_ti.diagnosis.causes.material import extra, strain_energy
 from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
-_BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a scale or a time constant, for a closer look
+_BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a time constant, for a closer look
+_FURTHER = (0.25, *_BETWEEN, 4.0)  # of a scale, which only two are scanned of
 _SETTLING = 3.0  # time constants in a measurement
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
 
@@ -63,8 +64,8 @@ class Softening(Cause):
         return [share * max(float(np.quantile(worst, 0.9)), 1e-9) for share in _SCALES]
 
     def near(self, scene: Scene, place: float) -> Sequence[float]:
-        """Scales in between."""
-        return [place * factor for factor in _BETWEEN]
+        """Scales in between and beyond."""
+        return [place * factor for factor in _FURTHER]
 
     def courses(self, scene: Scene, place: float) -> Sequence[Course]:
         """Of scales."""
