@@ -11,7 +11,7 @@ from sim.cloud import RestCloud
 from sim.direct import DirectFactors, Layout
 from sim.energy import Energy
 from sim.laws.history import Memory, green_strain, largest, viscous
-from sim.newton import NewtonOptions, Status, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, Status, equilibrate
 from sim.recollection import Passing, Recollection
 from sim.sensitivity import Past
 from sim.through_time import settle
@@ -85,6 +85,25 @@ def test_factors_of_a_state_nearby_lead_to_the_same_motion(elastic):
     again = settle(ask, near.equilibrium.y, layout, factors=near.factors, options=TIGHT)
     assert again.factors is near.factors  # they served to the end
     assert sim_cases.relative(again.equilibrium.y, fresh.y) < 1e-8
+
+
+def test_a_step_that_is_known_to_be_little_is_not_asked_for_again(elastic):
+    """What is left to go after a step is known from its test. Where that is little it is gone, and all is done: the
+    last step asked for is not little, and the motion is nearer to the exact one than that."""
+    energy, start = sim_cases.clamped(elastic, PULLS), sim_cases.at_rest(elastic.cloud, len(TIME))
+
+    def settled(still: float, steps: int = 60) -> Equilibrium:
+        options = NewtonOptions(tolerance=1e-9, iterations=steps)
+        return settle(remembering(energy, 2.0), start, Layout.of(elastic), options=options, still=still).equilibrium
+
+    def apart(y: np.ndarray, other: np.ndarray) -> float:
+        return np.sqrt(((y - other) ** 2).mean())
+
+    exact = settled(0.0).y
+    still = 1e-4 * apart(exact, start)
+    found = settled(still)
+    before = settled(0.0, found.iterations[0] - 1).y
+    assert found.converged and apart(found.y, exact) < 0.1 * still < still < apart(found.y, before)
 
 
 def test_too_few_steps_are_a_status(elastic):
