@@ -109,19 +109,20 @@ class _State:
     smallest: np.ndarray  # J of each frame
 
     @classmethod
-    def at(cls, remembered: Remembered, y: np.ndarray) -> "_State":
+    def at(cls, remembered: Remembered, y: np.ndarray, smallest: np.ndarray | None = None) -> "_State":
+        """smallest: where it is known already."""
         energy, pasts = remembered(y)
         gradient = energy.gradient(y)
         residual = np.linalg.norm(gradient, axis=(1, 2)) / energy.scale(y)
-        return cls(
-            y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual, smallest=_smallest(energy, y)
-        )  # fmt: skip
+        smallest = _smallest(energy, y) if smallest is None else smallest
+        return cls(y=y, energy=energy, pasts=pasts, gradient=gradient, residual=residual, smallest=smallest)
 
     def moved(self, remembered: Remembered, step: np.ndarray) -> "_State | None":
         """After a step (T, N, 3) [m]; None where that nearly closes a point."""
         y = self.y + step
-        least = _OPEN * np.minimum(self.smallest, 1.0)
-        return self.at(remembered, y) if (_smallest(self.energy, y) > least).all() else None
+        smallest = _smallest(self.energy, y)
+        upright = (smallest > _OPEN * np.minimum(self.smallest, 1.0)).all()
+        return self.at(remembered, y, smallest) if upright else None
 
     def way(self, factors: DirectFactors, gradient: np.ndarray) -> np.ndarray:
         """Newton's step from a gradient (T, N, 3) [N], by the slopes of this state, (T, N, 3) [m]."""

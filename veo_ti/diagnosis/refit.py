@@ -27,7 +27,7 @@ _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
 _PART = 0.8  # of a step, longer than which its best part is no other
-_KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again
+_KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again, and for less care
 
 
 def refit(
@@ -83,7 +83,7 @@ def refit(
         if stalled and fresh:
             break
         state, cost = smaller or (state, cost)
-        fresh = stalled or doubtful or brought < _KEPT * way.promised(step)
+        fresh = stalled or doubtful or not _as_told(way, step, brought)
         end = Reached.of(problem, state) if fresh else replace(end, state=state)
     model.checkpoints.keep(name, asked, end.arrays)
     return end.result
@@ -139,7 +139,7 @@ class _Care:
 
     @property
     def less(self) -> "_Care":
-        """Since a step brought something."""
+        """Since a step brought what it promised."""
         damping = self.damping / _MORE if self.damping >= _MORE * _DAMPED else 0.0
         return _Care(damping=damping, share=min(1.0, self.share / _SHORTER))
 
@@ -148,15 +148,20 @@ def _lower(
     end: Reached, cost: float, care: _Care, tries: int
 ) -> tuple[tuple[Solved, float] | None, np.ndarray, _Care]:  # fmt: skip
     """Where the first of a few ever more careful steps that lowers the cost leads, or None; the step; how careful to
-    begin with next: as much where less was too little."""
+    begin with next: as much where less was too little, or brought less than was told."""
     for k in range(tries):
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
         if lower < cost:
-            as_told = cost - lower > _KEPT * end.way.promised(step)
-            return (trial, lower), step, care.less if as_told and not k else care
+            easy = k == 0 and _as_told(end.way, step, cost - lower)
+            return (trial, lower), step, care.less if easy else care
         care = care.shorter if trial is not None and lower == np.inf else care.damped
     return None, step, care
+
+
+def _as_told(way: Way, step: np.ndarray, brought: float) -> bool:
+    """Whether a step brought most of what it promised."""
+    return not brought < _KEPT * way.promised(step)
 
 
 def _shortened(end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]) -> tuple[Solved, float]:

@@ -16,7 +16,7 @@ from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
 _BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a time constant, for a closer look
-_FURTHER = (0.25, *_BETWEEN, 4.0)  # of a scale, which only two are scanned of
+_FURTHER = (0.25, *_BETWEEN, 4.0)  # of a scale, of which only two are scanned
 _SETTLING = 3.0  # time constants in a measurement
 _UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
 
