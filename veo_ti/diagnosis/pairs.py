@@ -78,9 +78,9 @@ class _Pair:
     def chance(self, name: str, others: frozenset[str]) -> float:
         """Bayes' factor of one of others against the one of that name, beside the other one of the two."""
         own = self.part(name)
-        there = self.first.explained if own.name == self.first.name else 1 - self.first.explained
-        left = (1 - explained_by((self.first, self.second))) / there
-        return own.chance(others - self.names, left, own.refit.worth)
+        beside = 1 - self.first.explained
+        there = self.first.explained if own.name == self.first.name else beside
+        return own.chance(others - self.names, beside * self.second.left / there, own.refit.worth)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

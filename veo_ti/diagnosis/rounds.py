@@ -24,6 +24,7 @@ from veo_ti.diagnosis.verdict import (
     Candidate,
     Verdict,
     judge,
+    leaves_clearly,
     nothing,
     stands,
     sufficient,
@@ -90,9 +91,10 @@ def look(
     known = Refitted(least=max(least, rough), rough=rough)
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
-    standing = [c.name for c in candidates if sufficient(c)]
+    standing = [c for c in candidates if sufficient(c)]
     if standing:
-        others = look_alikes(standing[0], statistics, scores, keep, [c.name for c in candidates])
+        alike = look_alikes(standing[0].name, statistics, scores, keep, [c.name for c in candidates])
+        others = alike + [s for s in others if s not in alike] if leaves_clearly(standing[0]) else alike
     if others and (standing or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)

@@ -19,9 +19,9 @@ from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
 from veo_ti.diagnosis.verdict import (
     CLEAR,
-    MISFIT,
     Candidate,
     Verdict,
+    doubtful,
     either,
     leaves_much,
     nearly_all,
@@ -162,7 +162,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
         return [_unexplained(first)] if leaves_much(found) else [first]
     both = [first] if more is None else [first, more]
     lost = more is not None and more.verdict.kind == "unexplained"
-    if (more is not None and more.verdict.causes) or not (lost or (causes and _doubtful(found))):
+    if (more is not None and more.verdict.causes) or not (lost or (causes and doubtful(found))):
         return both
     wider = first if wide else widened(first, *start.given, say)
     name = wider.verdict.causes[0].name if wider.verdict.kind == "named" else None
@@ -179,16 +179,11 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     return pair if lost or len(pair) == 2 else both
 
 
-def _doubtful(found: Candidate) -> bool:
-    """Whether more is left than noise and our own error of what a cause does."""
-    return found.misfit.z > MISFIT and 1 - found.explained > ours_of(found.refit) ** 2
-
-
 def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Progress) -> Round | None:
     """The look beside a named cause; None in what is as small as the simulation's own error, of the motion or of what
     that cause does."""
     others = [cause for cause in causes if cause.name != found.name]
-    if not others or not _doubtful(found):
+    if not others or not doubtful(found):
         return None
     (model, floor), taken = start.beside(found.refit), found.refit.taken_in()
     noise = measure_noise(taken.scene, start.modes).local

@@ -17,6 +17,7 @@ APART_SHARE = 0.15  # share of the best cause's gain, by which the next one must
 CLEAN = 10.0  # standard deviations of misfit below which a cause leaves so little that its evidence can be trusted,
 NOTHING = 5e-4  # or share of what is wrong, however clear:
 SURE = 12.0  # nats then, or as many as what it leaves is worth, or as the simulation's own error can turn about
+BY_CHANCE = 0.3  # of noise that neighbours share, what one of two that leave it may take up better than the other
 EXPLAINED = 0.5  # share of the misfit's excess that a cause must explain to be weighed at all
 LEFT = 0.1  # share that a cause may leave and still reject others by what they leave,
 MORE = 5.0  # times as much
@@ -62,6 +63,11 @@ class Candidate:
     def sure(self) -> float:
         """Nats that were gained without them."""
         return self.gained - self.promised
+
+    @property
+    def left(self) -> float:
+        """Share of what is wrong that it leaves; where that goes on like noise, as much as may differ by chance."""
+        return (BY_CHANCE if self.like_noise else 1.0) * (1 - self.explained)
 
     @property
     def name(self) -> str:
@@ -120,9 +126,8 @@ def _margin(best: Candidate, rival: Candidate, wide: bool) -> float:
     error of OURS s turns the order about where d < 2 OURS s.
     """
     if best.misfit.z < CLEAN or 1 - best.explained < NOTHING or (wide and best.like_noise):
-        left = 0.0 if best.like_noise else (1 - best.explained) / best.explained
         ours = (2 * ours_of(best.refit, rival.refit)) ** 2
-        return max(SURE, left * best.gained, ours * best.gained)
+        return max(SURE, best.left / best.explained * best.gained, ours * best.gained)
     return max(APART, APART_SHARE * best.gained)
 
 
@@ -150,7 +155,7 @@ def judge(
     """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several; wide:
     whether all that promise something were refitted. What may well be absent is not named, nor what is not testable,
     unless it alone of all leaves little; but another is not either beside it. One that obeys a law is told by it unless
-    it leaves clear misfit, and another less."""
+    it leaves clear misfit, and another clearly less."""
     if misfit.z < MISFIT:
         return nothing()
     able = [c for c in candidates if c.able]
@@ -167,7 +172,7 @@ def judge(
     lawful = [
         c for c in alike
         if c in accepted and c.explained > TOGETHER and c.misfit.z <= lawful_up_to(alike)
-        and c.chance(names - {c.name}, 1 - c.explained, c.gained) < CHANCE
+        and c.chance(names - {c.name}, c.left, c.gained) < CHANCE
     ]  # fmt: skip
     if near and len(lawful) != 1:
         return either(alike)
@@ -175,8 +180,8 @@ def judge(
 
 
 def lawful_up_to(alike: Iterable[Candidate]) -> float:
-    """Standard deviations of misfit beyond which no law tells one: it leaves clear misfit, and another less."""
-    return max(MISFIT, min(c.misfit.z for c in alike))
+    """Standard deviations of misfit beyond which no law tells one: it leaves clear misfit, and another clearly less."""
+    return MISFIT + max(0.0, min(c.misfit.z for c in alike))
 
 
 def either(causes: Sequence[Candidate]) -> Verdict:
@@ -205,6 +210,16 @@ def stands(causes: Sequence[Candidate]) -> bool:
         return True
     may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)
     return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
+
+
+def doubtful(candidate: Candidate) -> bool:
+    """Whether it leaves more than noise and our own error of what it does."""
+    return candidate.misfit.z > MISFIT and 1 - candidate.explained > ours_of(candidate.refit) ** 2
+
+
+def leaves_clearly(candidate: Candidate) -> bool:
+    """Whether it clearly does: another may be the cause."""
+    return doubtful(candidate) and candidate.misfit.z > CLEAR and not candidate.like_noise
 
 
 def leaves_much(candidate: Candidate) -> bool:
