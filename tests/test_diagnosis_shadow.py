@@ -61,6 +61,17 @@ def test_what_goes_on_like_noise_is_looked_at_beside_a_cause_where_another_promi
     assert [c.name for c in found.verdict.causes] == (["camera_scale"] if kind == "named" else [])
 
 
+def test_the_likeliest_that_is_also_next_is_refitted_once(pushed, model, monkeypatch):  # noqa: F811
+    """Where what stands leaves clear misfit, those that are next are tried as well."""
+    monkeypatch.setattr(rounds, "leaders_of", lambda scores, keep: ([], list(scores)))
+    monkeypatch.setattr(rounds, "likeliest", lambda scores, keep: list(scores))
+    for name in ("sufficient", "leaves_clearly"):
+        monkeypatch.setattr(rounds, name, lambda candidate: True)
+    modes = model.basis.field.modes[:, :12]
+    found = look(pushed, model, NOISE**2, modes, [CameraScale()], lambda text: None, shadow=True)
+    assert [c.name for c in found.candidates] == ["camera_scale"]
+
+
 def test_both_are_followed_beyond_the_first_order():
     """The first one, too: its motion is another one beside the second."""
 

@@ -77,10 +77,10 @@ class _Pair:
 
     def chance(self, name: str, others: frozenset[str]) -> float:
         """Bayes' factor of one of others against the one of that name, beside the other one of the two."""
-        own = self.part(name)
-        beside = 1 - self.first.explained
-        there = self.first.explained if own.name == self.first.name else beside
-        return own.chance(others - self.names, beside * self.second.left / there, own.refit.worth)
+        own, left = self.part(name), self.second.left  # of what the first one leaves
+        if own.name == self.first.name:
+            left *= (1 - self.first.explained) / self.first.explained
+        return own.chance(others - self.names, left, own.refit.worth)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

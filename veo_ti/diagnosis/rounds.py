@@ -94,7 +94,8 @@ def look(
     standing = [c for c in candidates if sufficient(c)]
     if standing:
         alike = look_alikes(standing[0].name, statistics, scores, keep, [c.name for c in candidates])
-        others = alike + [s for s in others if s not in alike] if leaves_clearly(standing[0]) else alike
+        further = others if leaves_clearly(standing[0]) else ()
+        others = alike + [s for s in further if s not in (*alike, *leaders)]
     if others and (standing or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)

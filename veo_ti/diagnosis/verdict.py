@@ -70,6 +70,11 @@ class Candidate:
         return (BY_CHANCE if self.like_noise else 1.0) * (1 - self.explained)
 
     @property
+    def clear(self) -> bool:
+        """Whether clear misfit stays that does not go on like noise."""
+        return self.misfit.z > CLEAR and not self.like_noise
+
+    @property
     def name(self) -> str:
         """The cause's name."""
         return self.refit.cause.name
@@ -218,13 +223,13 @@ def doubtful(candidate: Candidate) -> bool:
 
 
 def leaves_clearly(candidate: Candidate) -> bool:
-    """Whether it clearly does: another may be the cause."""
-    return doubtful(candidate) and candidate.misfit.z > CLEAR and not candidate.like_noise
+    """Whether that is clear misfit: another may be the cause."""
+    return candidate.clear and doubtful(candidate)
 
 
 def leaves_much(candidate: Candidate) -> bool:
     """Whether too much is left, and clearly, for its name if nothing explains that."""
-    return candidate.misfit.z > CLEAR and 1 - candidate.explained > LITTLE and not candidate.like_noise
+    return candidate.clear and 1 - candidate.explained > LITTLE
 
 
 def sufficient(candidate: Candidate) -> bool:
