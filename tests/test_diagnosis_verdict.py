@@ -131,6 +131,7 @@ def test_that_another_cause_acts_where_it_looks_like_this_one_is_a_coincidence(u
         (found("a", 54540, 0.992, z=118), True),  # seed 7563: a creeping material, and it was a drag
         (found("a", 54540, 0.992, z=19), False),
         (found("a", 54540, 0.992, z=118, like_noise=True), False),
+        (replace(found("a", 54540, 0.992, z=118), visible=False), False),  # as little as our own error of the motion
         (found("a", 54540, 0.997, z=118), False),  # the true one may leave as much, since its simulation is not exact
         (steady("a", 54540, 0.997, z=118), True),
     ],

@@ -167,6 +167,7 @@ def _candidate(
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
     left = statistics_of(result, model, modes).misfit()
     with_it, without = result.tuned(model, s2), current.tuned(model, s2)
+    leaves = Left.by(result.taken_in(), s2, noise, modes, shadow=True)
     predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
     gained = with_it.evidence(s2) - without.evidence(s2)
     return Candidate(
@@ -176,5 +177,5 @@ def _candidate(
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
         coincidence=result.cause.coincidence(result.scene, result.theta, result.spread),
         certain=result.certain(gained if current.cause is None else 0.0),
-        like_noise=Left.by(result.taken_in(), s2, noise, modes).like_noise,
+        like_noise=leaves.like_noise, visible=leaves.visible,
     )  # fmt: skip

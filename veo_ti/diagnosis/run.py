@@ -14,7 +14,7 @@ from veo_ti.diagnosis.fitted import Refit, everywhere, ours_of
 from veo_ti.diagnosis.gain import Gain, measure_gain
 from veo_ti.diagnosis.intervals import unsure_of_place
 from veo_ti.diagnosis.looks import Progress
-from veo_ti.diagnosis.noise import Noise, measure_noise
+from veo_ti.diagnosis.noise import Noise
 from veo_ti.diagnosis.pairs import two_at_once
 from veo_ti.diagnosis.rounds import Round, look, told_apart, widened, with_more
 from veo_ti.diagnosis.verdict import (
@@ -28,7 +28,6 @@ from veo_ti.diagnosis.verdict import (
     stands,
     unexplained,
 )
-from veo_ti.diagnosis.visible import Left
 from veo_ti.identification import Identification
 from veo_ti.kept import key_of
 
@@ -185,10 +184,7 @@ def _second(found: Candidate, start: Baseline, causes: Sequence[Cause], say: Pro
     others = [cause for cause in causes if cause.name != found.name]
     if not others or not doubtful(found):
         return None
-    (model, floor), taken = start.beside(found.refit), found.refit.taken_in()
-    noise = measure_noise(taken.scene, start.modes).local
-    if not Left.by(taken, model.s2, noise, start.modes, shadow=True).visible:
-        return None
+    model, floor = start.beside(found.refit)
     more = look(found.refit, model, floor, start.modes, others, say, shadow=True)
     return told_apart(more, found.refit, model, more.s2, say)
 

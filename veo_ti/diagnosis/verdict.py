@@ -48,6 +48,7 @@ class Candidate:
     testable: bool = True  # a change of the material does not imitate it
     certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
+    visible: bool = True  # what is left is more than the simulation's own error beside the cause may be
 
     @property
     def able(self) -> bool:
@@ -218,8 +219,9 @@ def stands(causes: Sequence[Candidate]) -> bool:
 
 
 def doubtful(candidate: Candidate) -> bool:
-    """Whether it leaves more than noise and our own error of what it does."""
-    return candidate.misfit.z > MISFIT and 1 - candidate.explained > ours_of(candidate.refit) ** 2
+    """Whether it leaves more than noise and our own error, of the motion and of what it does."""
+    more = 1 - candidate.explained > ours_of(candidate.refit) ** 2
+    return candidate.visible and candidate.misfit.z > MISFIT and more
 
 
 def leaves_clearly(candidate: Candidate) -> bool:
