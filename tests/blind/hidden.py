@@ -10,7 +10,7 @@ from blind.solver import System, pattern_of
 
 Draw = Callable[[np.random.Generator, Scene], "Hidden"]
 
-SHORT = 8  # steps in a frame interval, where a step takes something from the one before as it was
+SHORT = 4  # steps in a frame interval, for what takes turns, or goes on, within one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

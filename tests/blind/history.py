@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blind.laws import Isotropic, Strain, Stress, geometric, green, wide
+from blind.laws import AtOnce, Isotropic, Strain, Stress, geometric, green, wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +75,10 @@ def _decay(step: float, tau: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Damaged:
+class Damaged(AtOnce):
     """Mullins softening by damage (Simo 1987): the base times 1 - D, D = d w/(w + w0), w the largest psi so far.
 
-    This part is the -D psi that joins the base. D of a step is that of the steps before: take them short.
+    This part is the -D psi that joins the base.
     """
 
     base: Isotropic
@@ -103,11 +103,8 @@ class Damaged:
 
 
 @dataclass(frozen=True, eq=False)
-class Set:
-    """Permanent set: S -= 2 c s E*, E* the strain (all of it, or its deviator) when it was largest so far.
-
-    E* of a step is that of the steps before: take them short.
-    """
+class Set(AtOnce):
+    """Permanent set: S -= 2 c s E*, E* the strain (all of it, or its deviator) when it was largest so far."""
 
     c: np.ndarray  # (E, Q) [Pa]
     share: float

@@ -28,6 +28,10 @@ class Part(Protocol):
         """What it is once F was reached at the time t."""
 
 
+class AtOnce:
+    """A part that answers as what was reached just now left it: a step is repeated until it is."""
+
+
 @dataclass(frozen=True, eq=False)
 class Isotropic:
     """psi(I1, J): P = 2 psi_1 F + psi_J J H; A from the second derivatives."""

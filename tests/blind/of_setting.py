@@ -13,7 +13,7 @@ from blind.shapes import Built
 from blind.solver import System, pattern_of
 from blind.ties import Drag, Inertia, Springs
 
-SUBSTEPS = 24  # at least, in a period of the slowest vibration
+SUBSTEPS = 60  # at least, in a period of the slowest vibration
 
 
 def disconnection(rng: np.random.Generator, scene: Scene) -> Hidden:
@@ -89,7 +89,7 @@ def inertia(rng: np.random.Generator, scene: Scene) -> Hidden:
         if density == 0:
             return model
         omega = slowest / np.sqrt(density)
-        steps = int(np.clip(np.ceil(SUBSTEPS * scene.interval * omega / (2 * np.pi)), 2, 12))
+        steps = int(np.clip(np.ceil(SUBSTEPS * scene.interval * omega / (2 * np.pi)), 2, 30))
         return model.with_tie(Inertia(density * volume, 2 * ratio * omega), steps=steps)
 
     return Hidden(
@@ -105,7 +105,7 @@ def damping(rng: np.random.Generator, scene: Scene) -> Hidden:
     start = 0.05 * greatest_force(scene) / (speed * volume.sum())
     return Hidden(
         name="damping", start=start, most=50 * start, tells=lambda c: {"drag": c},
-        change=lambda model, c: model.with_tie(Drag(c * volume), steps=SHORT),
+        change=lambda model, c: model.with_tie(Drag(c * volume), steps=2 * SHORT),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from blind.body import Body, nodal
-from blind.laws import Part
+from blind.laws import AtOnce, Part
 
 TOLERANCE = 1e-6  # residual force relative to the internal and applied ones
 FLOOR = 1e-9  # [N], far above rounding and far below any load
@@ -21,6 +21,7 @@ SLOW = 0.3  # a step that leaves more of the residual than this asks for a new f
 J_FLOOR = 0.05
 CUTS = 3  # halvings of a time step that does not converge
 FORCE_LOOPS, FORCE_CHANGE = 12, 1e-6  # for loads that depend on the deformation
+AT_ONCE, SETTLED = 12, 1e-4  # for materials whose memory does
 
 Response = tuple[float, np.ndarray, np.ndarray]
 
@@ -52,6 +53,11 @@ class System:
         F = self.body.F(u)
         parts, ties = tuple(p.after(F, t) for p in self.parts), tuple(tie.after(u, t) for tie in self.ties)
         return replace(self, parts=parts, ties=ties)
+
+    def at_once(self, u: np.ndarray, t: float) -> "System":
+        """The same, but for what remembers that u was reached at once."""
+        F = self.body.F(u)
+        return replace(self, parts=tuple(p.after(F, t) if isinstance(p, AtOnce) else p for p in self.parts))
 
     def value(self, u: np.ndarray, t: float) -> tuple[float, np.ndarray]:
         """Energy [J] without the load and its gradient (N, 3) [N]; infinite where a cell is crushed."""
@@ -205,7 +211,7 @@ def _advance(system: System, u: np.ndarray, t: float, to: float, cuts: int) -> t
     if system.support is not None:
         guess = np.where(system.body.fixed[:, None], system.support(to), u + system.support(to) - system.support(t))
     try:
-        found = equilibrium(system, guess, to)
+        found = _settled(system, equilibrium(system, guess, to), to)
         return system.after(found, to), found
     except RuntimeError:
         if cuts == 0:
@@ -213,3 +219,17 @@ def _advance(system: System, u: np.ndarray, t: float, to: float, cuts: int) -> t
         system.factor.clear()
     middle, u = _advance(system, u, t, (t + to) / 2, cuts - 1)
     return _advance(middle, u, (t + to) / 2, to, cuts - 1)
+
+
+def _settled(system: System, u: np.ndarray, t: float) -> np.ndarray:
+    """The equilibrium under what its own deformation leaves in the material, from the one under what was left before.
+
+    Where points take turns, the last one found: it is as good as the time step is short.
+    """
+    if not any(isinstance(part, AtOnce) for part in system.parts):
+        return u
+    for _ in range(AT_ONCE):
+        before, u = u, equilibrium(system.at_once(u, t), u, t)
+        if np.abs(u - before).max() <= SETTLED * np.abs(u).max():
+            break
+    return u

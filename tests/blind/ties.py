@@ -125,17 +125,26 @@ class Magnet:
 
 @dataclass(frozen=True, eq=False)
 class Drag:
-    """A force -c_i u_i' with c (N,) [N s/m] and the mean speed of a step: a spring c/h to where the step began."""
+    """A force -c_i u_i' with c (N,) [N s/m], the speed by backward differences of second order: a spring to a place
+    that is known beforehand. The first step is from rest.
+
+    `u' = ((1 + 2r)/(1 + r) u - (1 + r) u_1 + r^2/(1 + r) u_2) / h` with steps h and h/r (BDF2, Hairer & Wanner III.5).
+    """
 
     c: np.ndarray
     t: float = 0.0
     u: np.ndarray | float = 0.0  # at t [m]
+    h: float = np.inf  # the step to t [s]
+    moved: np.ndarray | float = 0.0  # in it [m]
 
     def respond(self, u: np.ndarray, t: float) -> Response:
-        return Springs(self.c / (t - self.t), self.u).respond(u, t)
+        h = t - self.t
+        r = h / self.h
+        scale = (1 + 2 * r) / (1 + r)
+        return Springs(self.c * scale / h, self.u + r**2 / (1 + r) / scale * self.moved).respond(u, t)
 
     def after(self, u: np.ndarray, t: float) -> "Drag":
-        return replace(self, t=t, u=u)
+        return self if t <= self.t else replace(self, t=t, u=u, h=t - self.t, moved=u - self.u)
 
 
 @dataclass(frozen=True, eq=False)
