@@ -91,20 +91,36 @@ def test_a_time_constant_between_those_that_are_tried_is_found(creeping, model):
     assert abs(np.log(better_place(found, model).place / TAU)) < 0.05
 
 
+def rung(scene, model, ring: Ring, noise: float):  # noqa: F811
+    """What is filmed of an object that was weighed and rings so."""
+    weighed, start = replace(scene, observation=replace(scene.observation, mass=MASS)), np.zeros(len(model.prior))
+    true = solved(Problem.of(weighed, model, Inertia(), ring), weighed, start, np.ones(1))
+    y = shown_by(true.scene, Inertia().change(true.scene, np.ones(1), ring))
+    y = y + noise * np.random.default_rng(5).normal(size=scene.y.shape)
+    return replace(weighed, target=replace(scene.target, y=y, sigma=NOISE))
+
+
 def test_a_damping_ratio_between_those_that_are_tried_is_found(scene, model):  # noqa: F811
     """At another one the mass makes up for it, and comes out wrong."""
-    weighed = replace(scene, observation=replace(scene.observation, mass=MASS))
     ring, start = Ring(ratio=0.12, power=-1), np.zeros(len(model.prior))
-    true = solved(Problem.of(weighed, model, Inertia(), ring), weighed, start, np.ones(1))
-    noise = NOISE * np.random.default_rng(5).normal(size=scene.y.shape)
-    y = shown_by(true.scene, Inertia().change(true.scene, np.ones(1), ring)) + noise
-    filmed, there = replace(weighed, target=replace(scene.target, y=y, sigma=NOISE)), replace(ring, ratio=0.16)
+    filmed, there = rung(scene, model, ring, NOISE), replace(ring, ratio=0.16)
     found = refit(filmed, model, start, cause=Inertia(), place=there, theta=np.ones(1))
     spot = better_place(found, model, roams=1)
     assert spot.place.ratio == pytest.approx(0.12, rel=0.1)
     again = refit(filmed, model, spot.coefficients, cause=Inertia(), place=spot.place, theta=spot.theta)
     assert abs(again.theta[0] - 1) < min(0.02, 0.5 * abs(found.theta[0] - 1))
     assert better_place(found, model, roams=0).place is found.place
+
+
+@pytest.mark.parametrize("power", [-1, 1])
+def test_how_damping_goes_with_frequency_is_found(scene, model, power):  # noqa: F811
+    """From a law that damps the second vibration as much, at a ratio between those that are tried."""
+    filmed = rung(scene, model, Ring(ratio=0.12, power=power), 0.2 * NOISE)
+    slowest, second = filmed.vibrations.omega[:2]
+    there = Ring(ratio=0.12 * (second / slowest) ** power, power=0)
+    found = refit(filmed, model, np.zeros(len(model.prior)), cause=Inertia(), place=there, theta=np.ones(1))
+    spot = better_place(found, model)
+    assert spot.place.power == power and spot.place.ratio == pytest.approx(0.12, rel=0.1)
 
 
 def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noqa: F811

@@ -13,6 +13,7 @@ from veo_ti.diagnosis.causes.swings import Creep, Swings
 from veo_ti.diagnosis.scene import Scene
 
 _RATIOS = (0.02, 0.07, 0.2, 0.6)
+_SLOW = 4  # vibrations, one of which leads most: by it two laws of damping are compared
 _RINGS = 0.7  # damping ratio below which an object has a resonance (1 / sqrt 2)
 _LAWS = {0: "the same for all vibrations", -1: "less for fast ones, as in air", 1: "more for fast ones, as in rubber"}
 
@@ -71,10 +72,13 @@ class Inertia(Cause):
         return here + _in_step(scene, here)
 
     def near(self, scene: Scene, place: Ring) -> Sequence[Ring]:
-        """Damping ratios in between; what does not ring is damping. Then the other way between frames."""
-        ratios = (place.ratio * factor for factor in (0.5, 0.7, 1.4, 2.0))
-        between = [replace(place, ratio=ratio) for ratio in ratios if ratio < _RINGS]
-        return [*between, replace(place, smooth=not place.smooth)]
+        """Damping ratios in between, and other laws that damp one of the slowest vibrations as much; what does not ring
+        is damping. Then the other way between frames."""
+        stretch = scene.vibrations.omega[:_SLOW] / scene.vibrations.omega[0]
+        laws = [(stretch ** (place.power - power), power) for power in _LAWS if power != place.power]
+        ways = [((0.5, 0.7, 1.4, 2.0), place.power), *laws]
+        rings = [replace(place, ratio=place.ratio * f, power=power) for factors, power in ways for f in factors]
+        return [*(ring for ring in rings if ring.ratio < _RINGS), replace(place, smooth=not place.smooth)]
 
     def courses(self, scene: Scene, place: Ring) -> Sequence[Course]:
         """Of damping ratios."""
