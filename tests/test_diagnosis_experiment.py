@@ -81,8 +81,11 @@ def test_a_cause_cannot_be_told_from_itself(baseline, model):
 
 def test_a_stiffening_is_compared_as_it_levels_off(baseline, model):
     """However it was followed; the law itself is drowned by what few points are strained most."""
-    (level,) = StrainStiffening().places(baseline.scene)
-    law, levelled = (assumed(baseline, model, StrainStiffening(), [1 / level], place) for place in (None, level))
+    (place,) = StrainStiffening().places(baseline.scene)
+    law, levelled = (
+        assumed(baseline, model, StrainStiffening(), [1 / place.levels], at)
+        for at in (replace(place, levels=None), place)
+    )
     scale = assumed(baseline, model, CameraScale(), [0.05, 0, 0, 0])
     same, other = (separating(baseline, law, second, model, model.s2) for second in (levelled, scale))
     assert same.then < 0.05 * other.then

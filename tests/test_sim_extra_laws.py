@@ -96,6 +96,15 @@ def test_piola_is_reverse_mode_of_psi(law, seed):
     assert relative(fields.stress(), by_hand(law, F, m)[1]) < (1e-11 if law is GentStiffening else 1e-13)
 
 
+@pytest.mark.parametrize("most", [0.3, 3.0])
+def test_gents_tangent_is_reverse_mode_below_and_beyond_its_limit(most):
+    F, W, fields = states(1), np.random.default_rng(9).normal(size=(COUNT, 3, 3)), MaterialFields.of(GentStiffening)
+    m = np.stack([np.full(COUNT, 2.0), most / invariant(F)], axis=1)
+    fields.load(F, m)
+    _, P, dP = by_hand(GentStiffening, F, m, W)
+    assert relative(fields.stress(), P) < 1e-11 and relative(fields.stress_change(W), dP) < 1e-13
+
+
 @pytest.mark.parametrize("name", [name for name in LAWS if name != "LinearStress"])  # which compiles for 20 s
 @pytest.mark.parametrize("seed", [0, 1])
 def test_dpiola_is_reverse_mode_of_piola(name, seed):
@@ -203,19 +212,23 @@ def test_gent_becomes_neo_hooke_and_before_it_yeoh_as_its_limit_grows():
     assert not by_hand(GentStiffening, F, np.tile([1.0, 0.0], (COUNT, 1)))[1].any()
 
 
-def test_gent_locks_at_its_stretch():
-    jm = 5.0
-    stretch = max(np.roots([1.0, 0.0, -3.0 - jm, 2.0]).real)  # s^2 + 2/s - 3 = J_m
-    F = np.array([np.diag([s, s**-0.5, s**-0.5]) for s in stretch * np.array([0.99, 1 - 1e-9, 1 + 1e-9, 1.5])])
-    psi, P, _ = by_hand(GentStiffening, F, np.tile([1.0, 1 / jm], (4, 1)))
-    assert np.isfinite(psi[:2]).all()
-    assert np.isposinf(psi[2:]).all()
-    assert P[1, 0, 0] > 1e6 * P[0, 0, 0]
-
-
 def test_volumetric_change_of_one_makes_the_volume_term_logarithmic():
     F, lam = states(9), 2.0
     pressure = by_hand(VolumetricChange, F, np.tile([lam, 1.0], (COUNT, 1)))[1]
     base = by_hand(NeoHookean, F, np.tile([0.0, lam], (COUNT, 1)))[1]
     J, H = np.linalg.det(F)[:, None, None], np.linalg.inv(F).swapaxes(1, 2)
     assert relative(base + pressure, lam * np.log(J) * H) < 1e-12
+
+
+def test_gent_goes_on_along_its_tangent_beyond_nineteen_twentieths_of_its_limit():
+    """Pulled further and further: the slope of the energy is the stress, and from there on that of a parabola in I."""
+    s, mu, g = np.linspace(1.1, 3.0, 6000), 3.0, 0.5
+    F = np.stack(LOADING["uniaxial"][0](s), axis=1)[:, :, None] * np.eye(3)
+    psi, P, _ = by_hand(GentStiffening, F, np.tile([mu, g], (len(s), 1)))
+    work = (0.5 * (P[1:] + P[:-1]) * np.diff(F, axis=0)).sum((1, 2))
+    assert np.diff(psi) == pytest.approx(work, rel=1e-4)
+    x = g * invariant(F)
+    beyond = x > 0.95
+    assert 0.2 < beyond.mean() < 0.8 and np.isfinite(psi).all()
+    slope = np.gradient(psi[beyond], invariant(F)[beyond])[1:-1]
+    assert slope == pytest.approx(mu / 2 * (19 + 400 * (x[beyond][1:-1] - 0.95)), rel=1e-4)

@@ -9,6 +9,8 @@ import taichi as ti
 
 from sim.laws.neo_hookean import cofactor, cross, dpiola, piola, psi
 
+_LOCKED = 0.95  # of its limit, up to which a strain follows Gent's law
+
 
 @ti.func
 def _invariant(F):
@@ -44,22 +46,34 @@ class YeohStiffening:
 
 
 @ti.func
+def _locking(x):
+    """x/(1 - x) and its slope, up to `_LOCKED`; beyond it along its tangent there."""
+    near = ti.min(x, _LOCKED)
+    slope = 1.0 / (1.0 - near) ** 2
+    return ti.Vector([near / (1.0 - near) + slope * (x - near), slope])
+
+
+@ti.func
 def _excess(x):
-    """(-ln(1 - x) - x) / x = x/2 + x^2/3 + ..., by the series where the difference would lose its digits."""
+    """The integral of x/(1 - x) over x, (-ln(1 - x) - x) / x = x/2 + x^2/3 + ..., by the series where the difference
+    would lose its digits."""
     value = 0.0
     if ti.abs(x) < 0.02:
         tail = x * (1 / 5 + x * (1 / 6 + x * (1 / 7 + x * (1 / 8 + x / 9))))
         value = x * (1 / 2 + x * (1 / 3 + x * (1 / 4 + tail)))
     else:
-        value = (-ti.log(1.0 - x) - x) / x
+        near = ti.min(x, _LOCKED)
+        beyond = (x - near) * (near / (1.0 - near) + 0.5 * (x - near) / (1.0 - near) ** 2)
+        value = (-ti.log(1.0 - near) - near + beyond) / x
     return value
 
 
 class GentStiffening:
     """Gent's law less the Neo-Hookean one, `psi = -mu/(2 g) ln(1 - g I) - mu/2 I`: mu [Pa], g = 1/J_m [-], null 0.
 
-    With x = g I: `P = mu x/(1 - x) B`, `dP[W] = mu (2 g (B:W)/(1 - x)^2 B + x/(1 - x) dB[W])`. It locks at I = 1/g,
-    beyond which the energy is infinite. Its slope in g at the null is Yeoh's in 2 beta: weak, the two are the same.
+    With x = g I: `P = mu x/(1 - x) B`, `dP[W] = mu (2 g (B:W)/(1 - x)^2 B + x/(1 - x) dB[W])`. It locks at I = 1/g;
+    from x = 0.95 on, at twenty times the stress, that goes on along its tangent, so that a motion which was found
+    without it has an energy. Its slope in g at the null is Yeoh's in 2 beta: weak, the two are the same.
     """
 
     parameters = ("mu", "g")
@@ -68,25 +82,22 @@ class GentStiffening:
     @ti.func
     def psi(F, m: ti.template(), i):
         invariant = _invariant(F)
-        x = m[i, 1] * invariant
         value = ti.math.inf
-        if x < 1.0:
-            value = 0.5 * m[i, 0] * invariant * _excess(x)
+        if invariant < ti.math.inf:
+            value = 0.5 * m[i, 0] * invariant * _excess(m[i, 1] * invariant)
         return value
 
     @staticmethod
     @ti.func
     def piola(F, m: ti.template(), i):
-        x = m[i, 1] * _invariant(F)
-        return (m[i, 0] * x / (1.0 - x)) * piola(F, 1.0, 0.0)
+        return (m[i, 0] * _locking(m[i, 1] * _invariant(F))[0]) * piola(F, 1.0, 0.0)
 
     @staticmethod
     @ti.func
     def dpiola(F, W, m: ti.template(), i):
-        x = m[i, 1] * _invariant(F)
-        B = piola(F, 1.0, 0.0)
-        along = 2.0 * m[i, 1] * (B * W).sum() / (1.0 - x) ** 2
-        return m[i, 0] * (along * B + (x / (1.0 - x)) * dpiola(F, W, 1.0, 0.0))
+        B, stiff = piola(F, 1.0, 0.0), _locking(m[i, 1] * _invariant(F))
+        along = 2.0 * m[i, 1] * (B * W).sum() * stiff[1]
+        return m[i, 0] * (along * B + stiff[0] * dpiola(F, W, 1.0, 0.0))
 
 
 class VolumetricChange:

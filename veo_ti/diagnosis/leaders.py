@@ -99,7 +99,7 @@ def refitted(
     leaders = _narrowed(leaders, current, model, floor, modes, say)
     tried, reached = _looked_at(leaders, current, model, floor, modes, say, beside)
     nearest = _nearest(beside.least, tried)
-    close = [t.left < NEARBY * nearest and t.left > min(nearest, IN_REACH * floor) for t in tried]
+    close = [t.left < NEARBY * nearest and t.left > min(nearest, floor) for t in tried]
     others = [
         (s.cause, law)
         for s, may_be in zip(leaders, close, strict=True)

@@ -1,11 +1,12 @@
 """Causes in the material: another law than the Neo-Hookean one."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from sim.laws.extra import Fibre, VolumetricChange, YeohStiffening
+from sim.laws.extra import Fibre, GentStiffening, VolumetricChange, YeohStiffening
 from sim.terms.material import ExtraLaw
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, across, turned
@@ -30,8 +31,17 @@ def strain_energy(scene: Scene) -> np.ndarray:
     return (scene.F**2).sum(axis=(2, 3)) - 3 - 2 * np.log(np.maximum(J, 1e-3))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stiffening:
+    """By which law a material stiffens; levels: the strain I_0 at which it levels off, or None."""
+
+    law: str
+    levels: float | None = None
+
+
 class StrainStiffening(Cause):
-    """psi += mu beta / 2 I^2, I = I_c - 3 - 2 ln J (Yeoh's second term).
+    """psi += mu beta / 2 I^2, I = I_c - 3 - 2 ln J (Yeoh's second term), or Gent's law, which begins alike and locks at
+    I = 1 / (2 beta).
 
     To first order it levels off, `2 mu beta I / (1 + I/I_0) B` for the stress, at a place I_0 that hardly any point's
     strain exceeds: the few that are strained ten times as much would drown all others, and stiffer ones never are.
@@ -44,29 +54,42 @@ class StrainStiffening(Cause):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A tangent about three times as stiff where the strain is among the largest twentieth."""
-        return 1 / np.array(self.places(scene))
+        return np.array([1 / self._large(scene)])
 
-    def places(self, scene: Scene) -> Sequence[float]:
-        """The strain that a twentieth exceeds."""
-        return (max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6),)
+    def places(self, scene: Scene) -> Sequence[Stiffening]:
+        """Levelled off, where the two laws are one."""
+        return (Stiffening(law="yeoh", levels=self._large(scene)),)
 
-    def begin(self, place: float | None) -> tuple[None, float]:
+    def laws(self, scene: Scene) -> Sequence[Stiffening]:
+        """Both."""
+        return [Stiffening(law=law, levels=self._large(scene)) for law in ("yeoh", "gent")]
+
+    def begin(self, place: Stiffening) -> tuple[Stiffening, float]:
         """A refit follows the law itself."""
-        return None, 0.0
+        return replace(place, levels=None), 0.0
 
-    def elsewhere(self, scene: Scene, place: float | None) -> float:
+    def elsewhere(self, scene: Scene, place: Stiffening) -> Stiffening:
         """Levelled off at the strains of that measurement."""
-        return self.places(scene)[0]
+        return replace(place, levels=self._large(scene))
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A stress up to seven times as high there: what grows stiffer by more at once is something that closes."""
         return bool(0 < theta[0] < 3 * self.widths(scene)[0])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: float | None) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Stiffening) -> Change:
         """The same beta everywhere."""
-        levelled = None if place is None else 1 / (1 + strain_energy(scene) / place)
-        m = np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1)
-        return extra(scene, YeohStiffening, m, levelled)
+        levelled = None if place.levels is None else 1 / (1 + strain_energy(scene) / place.levels)
+        locks = place.law == "gent" and levelled is None
+        law, strength = (GentStiffening, 2 * theta[0]) if locks else (YeohStiffening, theta[0])
+        return extra(scene, law, np.stack([scene.mu, np.full_like(scene.mu, strength)], axis=1), levelled)
+
+    def describe(self, scene: Scene, place: Stiffening) -> str:
+        """By which law."""
+        return {"yeoh": "by Yeoh's law", "gent": "by Gent's law, which locks"}[place.law]
+
+    def _large(self, scene: Scene) -> float:
+        """The strain that a twentieth exceeds."""
+        return max(float(np.quantile(strain_energy(scene), 0.95)), 1e-6)
 
 
 class VolumetricLaw(Cause):
