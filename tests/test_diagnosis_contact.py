@@ -56,6 +56,15 @@ def test_a_wall_is_tried_where_the_object_hardly_goes_since_something_is_there()
     assert max(np.dot(w.way, WAY) for w in wide) > np.cos(np.deg2rad(20))
 
 
+def test_a_way_that_leads_to_no_wall_hides_none_that_does(stopped):
+    """Seed 9414: along one some degrees off, a limb that rests reaches farther than the object was seen to go."""
+    off = np.cos(np.deg2rad(20)) * WAY - np.sin(np.deg2rad(20)) * np.array([1.0, 0.0, 0.0])
+    residual = stopped.residual.copy()
+    residual[0, -1] = -10 * np.abs(residual).max() * off
+    wide = [w for w in HiddenContact().places(SimpleNamespace(**vars(stopped) | {"residual": residual})) if w.wide]
+    assert max(np.dot(w.way, WAY) for w in wide) > np.cos(np.deg2rad(10))
+
+
 def test_walls_push_nothing_at_rest(stopped):
     for wall in HiddenContact().places(stopped):
         (term,) = HiddenContact().change(stopped, np.ones(1), wall).terms

@@ -50,8 +50,8 @@ class HiddenContact(Cause):
     parameters = (Parameter(name="stiffness", unit="Pa/m2", sd=1.0, positive=True),)
 
     def places(self, scene: Scene) -> Sequence[Wall]:
-        """Spots over the free surface with walls across their largest motion; wide walls about where motion was seen to
-        end, first across the ways in which the object was kept from going."""
+        """Spots over the free surface with walls across their largest motion; wide walls about where motion beyond the
+        object's rest was seen to end, first across the ways in which it was kept from going."""
         u = np.linalg.norm(scene.y - scene.cloud.x, axis=2)
         farthest = u.max(axis=0)
         spots = [int(s) for s in scene.spots() if farthest[s] > 0.1 * farthest.max()] or [int(farthest.argmax())]
@@ -59,8 +59,8 @@ class HiddenContact(Cause):
         small = [
             Wall(spot=_at(scene, s), way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS
         ]
-        into = _distinct([*_kept_from(scene), *_pushed(scene), *ways.values()])
-        return small + [wall for way in into for wall in _wide(scene, way)]
+        into = [way for way in (*_kept_from(scene), *_pushed(scene), *ways.values()) if _wide(scene, way)]
+        return small + [wall for way in _distinct(into) for wall in _wide(scene, way)]
 
     def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
         """Nearer and farther walls, there and at some spots around, across the motion now; or leaning a little."""
