@@ -220,26 +220,6 @@ def test_what_is_not_known_of_a_place_is_not_known_of_the_parameters():
     assert low == -7.0 and high == pytest.approx(2.0 + 1.96 * one.spread)
 
 
-@pytest.mark.parametrize(
-    ("theta", "nats", "certain"),
-    [
-        ((3.0, 0.1), 0.0, True),
-        ((-1.9, 1.0), 0.0, False),
-        ((-2.0, 0.0), 0.0, True),
-        ((1.0, 0.0), 40.0, False),  # worth 50
-        ((1.0, 0.0), 150.0, False),  # a deviation counts for the root of three
-        ((1.0, 0.0), 250.0, True),  # of five: seed 2934, an obstacle that is certain, however stiff it is
-    ],
-)
-def test_a_cause_is_certain_where_one_parameter_is_two_deviations_from_nothing(theta, nats, certain):
-    """Of two causes the second one's own parameters count; the data leave a tenth of what frames leave."""
-    covariance = 1e-2 * np.eye(2)
-    last = Fitted(cause=None, theta=np.array(theta), sd=np.ones(2), covariance=covariance)
-    first = Fitted(cause=None, theta=np.full(1, 9.0), sd=np.ones(1), covariance=np.eye(1))
-    for parts in ((last,), (first, last)):
-        assert Refit.certain(SimpleNamespace(apart=lambda parts=parts: parts), nats) == certain
-
-
 def test_an_interval_of_what_is_positive_does_not_reach_zero():
     low, high = HiddenContact().interval(np.array([2.0]), np.array([1.5]))
     assert (low * high == pytest.approx(4.0)) and high / 2.0 == pytest.approx(np.exp(1.96 * 0.75))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from sim.evidence import Normal, left_out, posterior
 from sim.newton import equilibrate
@@ -105,14 +106,19 @@ class Refit:
         return float(self.theta @ np.linalg.solve(self.covariance, self.theta)) / 2
 
     def certain(self, nats: float = 0.0) -> bool:
-        """Whether the 95 % interval of one parameter, of two causes of the second one's, leaves out that it is zero.
+        """Whether the 95 % interval of one parameter, or the region of all, leaves out that there is no effect; of two
+        causes those of the second one.
 
-        nats: what it costs that the cause is absent, if that is known. Where its effect saturates, as with how stiff an
-        obstacle is, that is far more than `worth`, and the interval on that side so much shorter.
+        Those of a turned jet may hide each other, so that each could be zero, but not all (seed 7585). nats: what it
+        costs that the cause is absent, if that is known. Where its effect saturates, as with how stiff an obstacle is,
+        that is far more than `worth`, and the interval on that side so much shorter.
         """
         own = self.apart()[-1]
-        more = max(1.0, nats / max(own.worth, 1e-300))
-        return bool((np.abs(own.theta) > 1.96 * own.beside_ours(own.sd / np.sqrt(more))).any())
+        sd = own.sd / np.sqrt(max(1.0, nats / max(own.worth, 1e-300)))
+        wider = max(1.0, float((sd**2 / np.diagonal(own.covariance)).max()))
+        together = 2 * own.worth / (wider + 2 * OURS**2 * own.worth)
+        alone = np.abs(own.theta) > 1.96 * own.beside_ours(sd)
+        return bool(alone.any() or together > chi2.ppf(0.95, len(sd)))
 
     def evidence(self, s2: float) -> float:
         """Laplace's log evidence at a variance of the noise [m2], up to a constant common to all causes."""
