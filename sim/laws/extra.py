@@ -63,7 +63,8 @@ def _excess(x):
         value = x * (1 / 2 + x * (1 / 3 + x * (1 / 4 + tail)))
     else:
         near = ti.min(x, _LOCKED)
-        beyond = (x - near) * (near / (1.0 - near) + 0.5 * (x - near) / (1.0 - near) ** 2)
+        there = _locking(near)
+        beyond = (x - near) * (there[0] + 0.5 * (x - near) * there[1])
         value = (-ti.log(1.0 - near) - near + beyond) / x
     return value
 

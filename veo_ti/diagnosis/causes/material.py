@@ -58,7 +58,7 @@ class StrainStiffening(Cause):
 
     def places(self, scene: Scene) -> Sequence[Stiffening]:
         """Levelled off, where the two laws are one."""
-        return (Stiffening(law="yeoh", levels=self._large(scene)),)
+        return self.laws(scene)[:1]
 
     def laws(self, scene: Scene) -> Sequence[Stiffening]:
         """Both."""

@@ -59,8 +59,9 @@ class HiddenContact(Cause):
         small = [
             Wall(spot=_at(scene, s), way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS
         ]
-        into = [way for way in (*_kept_from(scene), *_pushed(scene), *ways.values()) if _wide(scene, way)]
-        return small + [wall for way in _distinct(into) for wall in _wide(scene, way)]
+        wide = {way: _wide(scene, way) for way in (*_kept_from(scene), *_pushed(scene), *ways.values())}
+        into = _distinct([way for way, walls in wide.items() if walls])
+        return small + [wall for way in into for wall in wide[way]]
 
     def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
         """Nearer and farther walls, there and at some spots around, across the motion now; or leaning a little."""
