@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import clouds
 import numpy as np
-from test_diagnosis_experiment import model, scene  # noqa: F401
+import pytest
+from test_diagnosis_experiment import model, scene, scene_of  # noqa: F401
 
 from sim.checks import require
 from sim.cloud import RestCloud
@@ -17,6 +19,12 @@ def test_discretisation_columns_are_small_beside_the_motion(scene):  # noqa: F81
     motion = np.linalg.norm(scene.y - scene.cloud.x)
     for known in discretisation(scene):
         assert 0 < np.linalg.norm(known.motion) < 0.5 * motion
+
+
+@pytest.mark.parametrize(("layers", "push", "coarse"), [(2, 3e-4, True), (4, 5e-3, False)])
+def test_two_layers_of_points_are_too_few_for_a_plate_that_bends(layers, push, coarse, model):  # noqa: F811
+    plate = scene_of(clouds.block((9, 5, layers), (0.8, 0.4, 0.1 * (layers - 1)), jitter=0.15), push)
+    assert replace(model, extra=discretisation(plate)).coarse == coarse
 
 
 def test_a_choice_of_neighbours_that_leaves_a_point_flat_is_left_out(scene, monkeypatch):  # noqa: F811

@@ -25,13 +25,11 @@ from veo_ti.scene import cloud_of, energy_of, target_of
 FRAMES, NOISE = 7, 1e-4
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    """A jittered box that is slowly pushed at its end and let go."""
-    x = sim_cases.points()
+def scene_of(x: np.ndarray, push: float = 0.005) -> Scene:
+    """Points (N, 3) [m], held at x = 0, that are slowly pushed down [N] at the other end and let go."""
     course = np.array([0, 0.3, 0.7, 1.0, 0.7, 0.3, 0.0])
-    end = np.exp(-((x - [1.0, 0.2, 0.2]) ** 2).sum(axis=1) / 0.1**2) * (x[:, 0] > 0)
-    forces = course[:, None, None] * (end / end.sum())[:, None] * [0, 0, -0.005]
+    end = np.exp(-((x - [x[:, 0].max(), 0.2, 0.2]) ** 2).sum(axis=1) / 0.1**2) * (x[:, 0] > 0)
+    forces = course[:, None, None] * (end / end.sum())[:, None] * [0, 0, -push]
     still = np.repeat(x[None], FRAMES, axis=0)
     observation = Observation(points=still, time=np.arange(7.0), fixed=x[:, 0] < 1e-9, forces=forces)
     cloud = cloud_of(observation)
@@ -42,6 +40,12 @@ def scene() -> Scene:
     return Scene(
         observation=observation, energy=energy, y=y, target=target_of(observation), train=np.ones(FRAMES, bool)
     )
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A jittered box."""
+    return scene_of(sim_cases.points())
 
 
 @pytest.fixture(scope="module")

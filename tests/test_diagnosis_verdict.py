@@ -159,6 +159,12 @@ def test_only_what_can_be_told_from_the_material_may_be_all_that_is_wrong():
     assert sufficient(even) and not nearly_all(even) and nearly_all(found("a", 100, 0.92))
 
 
+def moved_by(motion: float) -> SimpleNamespace:
+    """A scene whose points all move so far, each coordinate, and are seen."""
+    seen, y = SimpleNamespace(seen=np.ones((2, 3), bool)), np.full((2, 3, 3), motion)
+    return SimpleNamespace(target=seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
+
+
 @pytest.mark.parametrize(
     ("left", "motion", "seen", "beside", "little"),
     [
@@ -172,11 +178,14 @@ def test_only_what_can_be_told_from_the_material_may_be_all_that_is_wrong():
     ],
 )
 def test_what_is_left_is_seen_or_faint_or_neither(left, motion, seen, beside, little):
-    all_seen = SimpleNamespace(seen=np.ones((2, 3), bool))
-    y = np.full((2, 3, 3), motion)
-    scene = SimpleNamespace(target=all_seen, train=np.ones(2, bool), y=y, cloud=SimpleNamespace(x=np.zeros((3, 3))))
-    found = Left(scene=scene, excess=left, noise=1.0, even=0.0)
+    found = Left(scene=moved_by(motion), excess=left, noise=1.0, even=0.0)
     assert (found.visible, replace(found, shadow=True).visible, found.faint) == (seen, beside, little)
+
+
+def test_where_points_are_too_few_twice_as_much_of_the_motion_is_faint():
+    fine = Left(scene=moved_by(100.0), excess=2.1, noise=1.0, even=0.0)  # seed 9422, a plush without an effect
+    assert not fine.faint and replace(fine, coarse=True).faint
+    assert not replace(fine, excess=3.3, coarse=True).faint
 
 
 def test_the_evener_it_goes_on_the_more_may_be_noise_that_neighbours_share():

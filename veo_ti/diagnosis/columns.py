@@ -85,6 +85,7 @@ class Known:
     """A direction that was solved for before: its motion (T, N, 3) [m]."""
 
     motion: np.ndarray
+    whole: float = 0.0  # how large first order says it is, of the motion
 
     def forces(self, scene: Scene, index: np.ndarray) -> np.ndarray:
         """None."""
@@ -100,5 +101,9 @@ def discretisation(scene: Scene) -> tuple[Known, ...]:
     error, each column in the size that is to be expected."""
     changed = _SHARE * changed_forces(scene.energy.elastic, scene.y)
     motion = np.stack(list(responses(scene.energy, scene.y, lambda index: changed[index])), axis=1)
-    most = _MOST * np.linalg.norm(scene.y - scene.cloud.x)
-    return tuple(Known(motion=m * min(1.0, most / max(np.linalg.norm(m), 1e-300))) for m in motion)
+    moved = max(float(np.linalg.norm(scene.y - scene.cloud.x)), 1e-300)
+    wholes = [float(np.linalg.norm(m)) / moved for m in motion]
+    return tuple(
+        Known(motion=m * min(1.0, _MOST / max(whole, 1e-300)), whole=whole)
+        for m, whole in zip(motion, wholes, strict=True)
+    )  # fmt: skip

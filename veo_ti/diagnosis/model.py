@@ -14,6 +14,8 @@ from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.scene import Scene
 
+_COARSE = 0.15  # of the motion, that a discretisation column is by first order: compact bodies show 0.03 to 0.13
+
 
 def change_of(scene: Scene, cause: Cause | None, theta: np.ndarray, place: Any) -> Change:
     """What a cause does at theta; nothing for none."""
@@ -37,6 +39,11 @@ class Model:
     through_time: Solver | None = None  # of all frames, where what a cause does in one depends on others
     effort: Effort = field(default_factory=Effort)  # one for the whole diagnosis, and
     checkpoints: Checkpoints = field(default_factory=Checkpoints)  # likewise
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the points are too few for the body, as for a toy's limbs: other neighbours would change much."""
+        return any(known.whole > _COARSE for known in self.extra)
 
     def tuned(self, normal: Normal, prior: np.ndarray, s2: float) -> np.ndarray:
         """The prior variances with the material's length and amplitude that have the highest evidence at s2 [m2].

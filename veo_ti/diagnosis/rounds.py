@@ -76,7 +76,7 @@ def look(
     if misfit.z < MISFIT:
         return quiet
     noise = measure_noise(taken.scene, modes)
-    left = Left.by(taken, model.s2, noise.local, modes, shadow=shadow)
+    left = Left.by(taken, model, model.s2, noise.local, modes, shadow=shadow)
     if not left.visible:
         return quiet
     keep = SURVIVES if shadow and misfit.z < CLEAR else TESTABLE
@@ -167,7 +167,7 @@ def _candidate(
     """What a refitted cause gains at the variance s2, and what is left of the misfit at the model's."""
     left = statistics_of(result, model, modes).misfit()
     with_it, without = result.tuned(model, s2), current.tuned(model, s2)
-    leaves = Left.by(result.taken_in(), s2, noise, modes, shadow=True)
+    leaves = Left.by(result.taken_in(), model, s2, noise, modes, shadow=True)
     predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
     gained = with_it.evidence(s2) - without.evidence(s2)
     return Candidate(

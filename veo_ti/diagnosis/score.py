@@ -208,7 +208,7 @@ def scores_of(
         residual=scene.target.residual(taken.simulated), modes=modes,
     )  # fmt: skip
     statistics = Statistics(moments=found, s2=model.s2, prior=prior)
-    least = surely_visible(scene, np.sqrt(floor)) * np.sqrt(found.normal.count)
+    least = surely_visible(scene, np.sqrt(floor), coarse=model.coarse) * np.sqrt(found.normal.count)
     noise = replace(statistics, s2=floor)
     scores = [
         score(statistics, noise, cause, cause.widths(scene), places, columns + found.nuisances, least)
