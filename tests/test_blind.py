@@ -23,8 +23,6 @@ from scipy.sparse.linalg import eigsh
 from veo_ti.observation import Observation
 from veo_ti.observation_files import OPTIONAL, REQUIRED
 
-EFFECTS = {**world.CATALOGUE, **world.OUTSIDE}
-
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
@@ -40,7 +38,7 @@ def made() -> world.Trial:
 
 
 def hidden(name: str, scene: Scene):
-    return EFFECTS[name](np.random.default_rng(1), scene)
+    return world.EFFECTS[name](np.random.default_rng(1), scene)
 
 
 def strained(scene: Scene, seed: int, size: float) -> np.ndarray:
@@ -53,7 +51,7 @@ def assert_slope(value, slope, step: float) -> None:
     assert found == pytest.approx(slope, rel=1e-5, abs=1e-7 * abs(value(0)) + 1e-12)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", world.EFFECTS)
 def test_every_law_and_spring_derives_from_its_energy(name, scene):
     h = hidden(name, scene)
     model, t = h.change(Model.plain(scene), h.start), 0.37 * float(scene.time[-1])
@@ -73,13 +71,13 @@ def test_every_law_and_spring_derives_from_its_energy(name, scene):
         assert_slope(lambda s, tie=now: (tie.respond(u + s * w, t)[1] * w).sum(), slope, 1e-8)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", world.EFFECTS)
 def test_an_effect_of_no_strength_changes_nothing(name, scene):
     shown = hidden(name, scene).change(Model.plain(scene), 0.0).seen(scene)[0]
     assert np.abs(shown - shown[0] - scene.plain_seen).max() < 2e-6 * np.abs(scene.plain_seen).max() + 1e-8
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", world.EFFECTS)
 def test_an_effect_at_its_start_is_seen(name, scene):
     h = hidden(name, scene)
     if name in ("gravity_direction", "hidden_force", "inertia", "dry_friction"):

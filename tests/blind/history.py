@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from blind.laws import AtOnce, Isotropic, Strain, Stress, geometric, green, wide
 
@@ -103,12 +104,52 @@ class Damaged(AtOnce):
 
 
 @dataclass(frozen=True, eq=False)
+class Healed(AtOnce):
+    """Mullins softening below the largest energy so far, and none at it: the base times 1 - D, D = d erf((w - psi)/m)
+    (Ogden & Roxburgh 1999), w the largest psi so far.
+
+    This part is the one that joins the base; its energy is the integral of -D over psi.
+    """
+
+    base: Isotropic
+    d: float
+    m: np.ndarray  # (E, Q) [J/m3]
+    w: np.ndarray | float = 0.0
+
+    def _below(self, psi: np.ndarray) -> np.ndarray:
+        """How far below, in units of m."""
+        return np.maximum(self.w - psi, 0) / self.m
+
+    def stress(self, F: np.ndarray, t: float) -> Stress:
+        psi, P = self.base.stress(F, t)
+        x, most = self._below(psi), self.w / self.m
+        energy = self.d * self.m * (_integrated_erf(x) - _integrated_erf(most))
+        return energy, -wide(self.d * erf(x), 2) * P
+
+    def tangent(self, F: np.ndarray, t: float) -> np.ndarray:
+        psi, P = self.base.stress(F, t)
+        x = self._below(psi)
+        slope = self.d * 2 / np.sqrt(np.pi) / self.m * np.exp(-(x**2)) * (x > 0)
+        PP = P[..., :, :, None, None] * P[..., None, None, :, :]
+        return wide(slope, 4) * PP - wide(self.d * erf(x), 4) * self.base.tangent(F, t)
+
+    def after(self, F: np.ndarray, t: float) -> "Healed":
+        return replace(self, w=np.maximum(self.w, self.base.stress(F, t)[0]))
+
+
+def _integrated_erf(x: np.ndarray) -> np.ndarray:
+    return x * erf(x) + (np.exp(-(x**2)) - 1) / np.sqrt(np.pi)
+
+
+@dataclass(frozen=True, eq=False)
 class Set(AtOnce):
-    """Permanent set: S -= 2 c s E*, E* the strain (all of it, or its deviator) when it was largest so far."""
+    """Permanent set: S -= 2 c s E*, E* the strain (all of it, or its deviator) when it was largest so far, less what
+    yields."""
 
     c: np.ndarray  # (E, Q) [Pa]
     share: float
     deviatoric: bool
+    least: float = 0.0  # size of the strain of which nothing stays
     largest: np.ndarray | float = 0.0
     kept: np.ndarray | float = 0.0
 
@@ -127,6 +168,7 @@ class Set(AtOnce):
         size = np.linalg.norm(E, axis=(-2, -1))
         if self.deviatoric:
             E = E - wide(np.trace(E, axis1=-2, axis2=-1) / 3, 2) * np.eye(3)
+        E = E * wide(np.maximum(1 - self.least / np.maximum(size, 1e-300), 0), 2)
         more = size > self.largest
         return replace(
             self, largest=np.maximum(size, self.largest),

@@ -159,6 +159,23 @@ def gent(mu: np.ndarray, limit: float) -> Isotropic:
     return Isotropic(density)
 
 
+def fung(mu: np.ndarray, b: float) -> Isotropic:
+    """What mu/(2b) (exp(b (I - 3)) - 1) adds to mu/2 (I - 3), I = I1 J^(-2/3) (Fung 1967; Demiray 1972).
+
+    Beyond b (I - 3) = 3 it is continued by its parabola, so that Newton's steps may try anything.
+    """
+
+    def density(I1: np.ndarray, J: np.ndarray, t: float) -> Derivatives:
+        full = isochoric(I1, J) - 3
+        x = np.minimum(full, 3 / b)
+        over, grown = full - x, np.expm1(b * x)
+        d1, d11 = mu / 2 * grown, mu * b / 2 * (1 + grown)
+        psi = mu / 2 * (grown / b - x) + d1 * over + d11 / 2 * over**2
+        return _of_shape(psi, d1 + d11 * over, d11, I1, J)
+
+    return Isotropic(density)
+
+
 def isochoric(I1: np.ndarray, J: np.ndarray) -> np.ndarray:
     """I = I1 J^(-2/3): I1 without the change of volume."""
     return I1 * J ** (-2 / 3)

@@ -85,7 +85,7 @@ def _made_and_judged(seed: int, effects: tuple[str, ...], setting: str, size: st
 
     measurement, answer = stem.with_suffix(".npz"), stem.with_suffix(".truth.npz")
     began = time.perf_counter()
-    given = {"size": size, "setting": setting, "goal": world.CLEAR if mix in ("strong", "two", "clear") else None}
+    given = {"size": size, "setting": setting, "goal": world.CLEAR if mix in world.AIMED else None}
     made = world.trial(seed, effects, **given)
     made.save(measurement, answer)
     seconds = time.perf_counter() - began
@@ -95,9 +95,10 @@ def _made_and_judged(seed: int, effects: tuple[str, ...], setting: str, size: st
         alone = world.trial(seed, effects, **given, only=i)
         alone.save(stem.with_suffix(f".{i}.npz"), stem.with_suffix(f".{i}.truth.npz"))
         each.append(judging.left_of(stem.with_suffix(f".{i}.npz"), alone))
+    catalogued = [e for e in made.truth["effects"] if e in judging.KNOWN]
     return {
         "truth": made.truth, "said": said, "outcome": judging.outcome(made.truth, said),
-        "catalogued": [e for e in effects if e in judging.KNOWN], "coverage": judging.covered(made.truth, said),
+        "catalogued": catalogued, "coverage": judging.covered(made.truth, said),
         "detectability": judging.detectability(made.truth, said), "seconds_made": seconds, "each_in_noise": each,
     }  # fmt: skip
 

@@ -124,6 +124,26 @@ class Magnet:
 
 
 @dataclass(frozen=True, eq=False)
+class String:
+    """E = sum_i k_i/2 <|x_i + u_i - p| - |x_i - p|>^2: strings to a point p, taut at rest, that only pull."""
+
+    x: np.ndarray  # (N, 3) [m]
+    k: np.ndarray  # (N,) [N/m]
+    p: np.ndarray  # (3,)
+
+    def respond(self, u: np.ndarray, t: float) -> Response:
+        d = self.x + u - self.p
+        r = np.linalg.norm(d, axis=1)
+        longer = np.maximum(r - np.linalg.norm(self.x - self.p, axis=1), 0)
+        N = d[:, :, None] * d[:, None, :] / (r**2)[:, None, None]
+        H = (longer > 0)[:, None, None] * N + (longer / r)[:, None, None] * (np.eye(3) - N)
+        return float((self.k / 2 * longer**2).sum()), (self.k * longer / r)[:, None] * d, self.k[:, None, None] * H
+
+    def after(self, u: np.ndarray, t: float) -> "String":
+        return self
+
+
+@dataclass(frozen=True, eq=False)
 class Drag:
     """A force -c_i u_i' with c (N,) [N s/m], the speed by backward differences of second order: a spring to a place
     that is known beforehand. The first step is from rest.
@@ -138,13 +158,31 @@ class Drag:
     moved: np.ndarray | float = 0.0  # in it [m]
 
     def respond(self, u: np.ndarray, t: float) -> Response:
+        rate, at_rest = self._speed(t)
+        return Springs(self.c * rate, at_rest).respond(u, t)
+
+    def _speed(self, t: float) -> tuple[float, np.ndarray]:
+        """The speed is the first [1/s] times what u differs by from the second."""
         h = t - self.t
         r = h / self.h
         scale = (1 + 2 * r) / (1 + r)
-        return Springs(self.c * scale / h, self.u + r**2 / (1 + r) / scale * self.moved).respond(u, t)
+        return scale / h, self.u + r**2 / (1 + r) / scale * self.moved
 
     def after(self, u: np.ndarray, t: float) -> "Drag":
         return self if t <= self.t else replace(self, t=t, u=u, h=t - self.t, moved=u - self.u)
+
+
+@dataclass(frozen=True, eq=False)
+class Wake(Drag):
+    """A force -c_i |u_i'| u_i' with c (N,) [N s2/m2]."""
+
+    def respond(self, u: np.ndarray, t: float) -> Response:
+        rate, at_rest = self._speed(t)
+        v = rate * (u - at_rest)
+        speed = np.linalg.norm(v, axis=1)
+        along = v[:, :, None] * v[:, None, :] / np.maximum(speed, 1e-300)[:, None, None]
+        H = (self.c * rate)[:, None, None] * (speed[:, None, None] * np.eye(3) + along)
+        return float((self.c / (3 * rate) * speed**3).sum()), (self.c * speed)[:, None] * v, H
 
 
 @dataclass(frozen=True, eq=False)

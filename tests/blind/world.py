@@ -9,18 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from blind import jets, of_loads, of_material, of_setting, outside, tracking
+from blind import jets, of_loads, of_material, of_setting, other_forms, other_laws, outside, tracking
 from blind.hidden import Draw, Hidden
 from blind.scenes import Model, Scene, draw_scene
 
 CATALOGUE: dict[str, Draw] = {d.__name__: d for m in (of_material, of_loads, of_setting) for d in m.DRAWS}
+OTHER: dict[str, Draw] = {d.__name__: d for m in (other_laws, other_forms) for d in m.DRAWS}  # causes by other laws
 OUTSIDE: dict[str, Draw] = {d.__name__: d for d in outside.DRAWS}
+EFFECTS = {**CATALOGUE, **OTHER, **OUTSIDE}
 PLAN = ("one", "one", "none", "one", "one", "outside", "one", "two", "one", "one", "none", "one", "outside", "one",
         "one", "two", "one", "none", "one", "outside")  # fmt: skip
-MIXES = ("default", "nulls", "harsh", "strong", "two", "clear")
+MIXES = ("default", "nulls", "harsh", "strong", "two", "clear", "other")
 CLEAR = (8.0, 30.0)  # goals, in units of noise, of one strong effect, and of two, of which neither is to drown
+AIMED = ("strong", "two", "clear", "other")  # mixes whose effects all aim there
 FIRST_JUDGED = 1000
-BRISK = ("inertia",)  # effects that need frames in quick succession
+BRISK = ("inertia", "rubber_inertia")  # effects that need frames in quick succession
 ALONE = ("disconnection", "prestress")  # effects that change what others would be drawn on
 TAKEN_UP = ("strain_stiffening", "volumetric_law", "fibre_anisotropy", "stiffness_drift", "follower_load",
             "hidden_tether", "hidden_contact", "support_compliance", *ALONE)  # by another stiffness, nearly or in part
@@ -47,9 +50,11 @@ def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
     """The effects that a seed hides and its setting: effects take turns, so that all are met equally often.
 
     "strong": one, large before the stiffness takes up its part; "two": two of them, likewise; "clear": two that show
-    beside any stiffness.
+    beside any stiffness; "other": one of the catalogue by another law than any that the toolkit has.
     """
     rng = np.random.default_rng([seed, 3])
+    if mix == "other":
+        return (list(OTHER)[7 * seed % len(OTHER)],), "iid"
     kind = {"nulls": "none", "strong": "one", "two": "two", "clear": "two"}.get(mix, PLAN[seed % len(PLAN)])
     harsh = {"nulls": 0.5, "harsh": 1.0}.get(mix, 0.2)
     setting = str(rng.choice(tracking.SETTINGS[1:])) if rng.random() < harsh else "iid"
@@ -82,7 +87,7 @@ def trial(
     streams = [np.random.default_rng([seed, i]) for i in range(3)]
     scene = draw_scene(streams[0], size, brisk=bool(set(effects) & set(BRISK)))
     sigma = float(streams[0].uniform(1e-4, 5e-4))
-    hidden = [{**CATALOGUE, **OUTSIDE}[name](streams[1], scene) for name in effects]
+    hidden = [EFFECTS[name](streams[1], scene) for name in effects]
     goals = [strength or float(np.exp(streams[1].uniform(*np.log(goal or h.goal)))) for h in hidden]
     hidden, goals = (hidden, goals) if only is None else ([hidden[only]], [goals[only]])
     amounts = [_amount(scene, h, aim * sigma) for h, aim in zip(hidden, goals, strict=True)]
@@ -92,7 +97,7 @@ def trial(
     scene = replace(scene, density=next((a for h, a in zip(hidden, amounts, strict=True) if h.density), scene.density))
     scale = float(np.exp(streams[2].uniform(-0.7, 0.7))) if setting == "force_scale" else 1.0
     # That gravity is stated must not tell that it matters, nor may it be missing where it does.
-    stated = bool(set(effects) & {"gravity_direction", "prestress"}) or streams[2].random() < 0.5
+    stated = bool({h.name for h in hidden} & {"gravity_direction", "prestress"}) or streams[2].random() < 0.5
     keys = _keys(scene, seen, scale, clean[0], gravity=-of_loads.GRAVITY if stated else 0.0)
     raw = _rms(clean - plain, scene)
     truth = {
