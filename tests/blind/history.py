@@ -104,6 +104,16 @@ class Damaged(AtOnce):
 
 
 @dataclass(frozen=True, eq=False)
+class SoonDone(Damaged):
+    """Damage D = d (1 - exp(-w/w0)) (Miehe 1995)."""
+
+    @property
+    def D(self) -> np.ndarray | float:
+        """The damage done, 0 to d."""
+        return self.d * -np.expm1(-self.w / self.w0)
+
+
+@dataclass(frozen=True, eq=False)
 class Healed(AtOnce):
     """Mullins softening below the largest energy so far, and none at it: the base times 1 - D, D = d erf((w - psi)/m)
     (Ogden & Roxburgh 1999), w the largest psi so far.

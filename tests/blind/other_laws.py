@@ -5,7 +5,7 @@ import numpy as np
 
 from blind import laws
 from blind.hidden import SHORT, Hidden, sign, unit
-from blind.history import Healed, Set, Viscous
+from blind.history import Healed, Set, SoonDone, Viscous
 from blind.of_material import RAW
 from blind.scenes import Model, Scene
 
@@ -62,6 +62,15 @@ def healed_softening(rng: np.random.Generator, scene: Scene) -> Hidden:
     )  # fmt: skip
 
 
+def soon_soft(rng: np.random.Generator, scene: Scene) -> Hidden:
+    """Mullins damage D = d (1 - exp(-w/w0)), which is done sooner than by w/(w + w0)."""
+    base, w0 = laws.neo_hookean(scene.mu, scene.lam), scene.mu / 2 * scene.strain * rng.uniform(0.3, 1.5)
+    return Hidden(
+        name="softening", start=0.3, most=0.75, goal=RAW,
+        change=lambda model, d: model.with_part(SoonDone(base, d, w0), steps=SHORT),
+    )  # fmt: skip
+
+
 def settling_shear(rng: np.random.Generator, scene: Scene) -> Hidden:
     """The shear modulus alone drifts, with the root of time."""
     base, last, way = laws.neo_hookean(scene.mu, 0 * scene.lam), float(scene.time[-1]), sign(rng)
@@ -72,4 +81,5 @@ def settling_shear(rng: np.random.Generator, scene: Scene) -> Hidden:
     return Hidden(name="stiffness_drift", start=0.2, most=0.6, change=change, details={"sign": way})
 
 
-DRAWS = (fung_stiffening, cords, two_branches, yielded_set, healed_softening, settling_shear)
+DRAWS = (fung_stiffening, cords, two_branches, yielded_set, healed_softening, soon_soft,
+         settling_shear)  # fmt: skip

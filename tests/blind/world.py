@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from blind import jets, of_loads, of_material, of_setting, other_forms, other_laws, outside, tracking
+from blind import jets, of_loads, of_material, of_setting, other_causes, other_forms, other_laws, outside, tracking
 from blind.hidden import Draw, Hidden
 from blind.scenes import Model, Scene, draw_scene
 
 CATALOGUE: dict[str, Draw] = {d.__name__: d for m in (of_material, of_loads, of_setting) for d in m.DRAWS}
-OTHER: dict[str, Draw] = {d.__name__: d for m in (other_laws, other_forms) for d in m.DRAWS}  # causes by other laws
+OTHER: dict[str, Draw] = {d.__name__: d for m in (other_laws, other_forms, other_causes) for d in m.DRAWS}
 OUTSIDE: dict[str, Draw] = {d.__name__: d for d in outside.DRAWS}
 EFFECTS = {**CATALOGUE, **OTHER, **OUTSIDE}
 PLAN = ("one", "one", "none", "one", "one", "outside", "one", "two", "one", "one", "none", "one", "outside", "one",
@@ -50,7 +50,8 @@ def plan(seed: int, mix: str) -> tuple[tuple[str, ...], str]:
     """The effects that a seed hides and its setting: effects take turns, so that all are met equally often.
 
     "strong": one, large before the stiffness takes up its part; "two": two of them, likewise; "clear": two that show
-    beside any stiffness; "other": one of the catalogue by another law than any that the toolkit has.
+    beside any stiffness; "other": one of the catalogue by another law than any that the toolkit has,
+    or one that is in no catalogue, nor in the other mixes.
     """
     rng = np.random.default_rng([seed, 3])
     if mix == "other":
@@ -101,7 +102,8 @@ def trial(
     keys = _keys(scene, seen, scale, clean[0], gravity=-of_loads.GRAVITY if stated else 0.0)
     raw = _rms(clean - plain, scene)
     truth = {
-        "seed": seed, "size": size, "effects": [h.name for h in hidden], "outside": any(e in OUTSIDE for e in effects),
+        "seed": seed, "size": size, "effects": [h.name for h in hidden],
+        "outside": any(h.name not in CATALOGUE for h in hidden),
         "setting": {"name": setting, "force_scale": scale, **seen.details}, "sigma_mm": 1e3 * sigma,
         "raw_mm": 1e3 * raw, "raw_in_noise": raw / sigma, "shape": scene.built.shape.name,
         "planted": [
