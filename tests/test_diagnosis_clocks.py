@@ -34,7 +34,22 @@ def test_a_clock_half_as_fast_meets_every_other_frame(pulsed, way):
 
 
 def test_one_way_never_goes_beyond_the_frames_and_one_is_smooth(pulsed):
-    smooth, tight = (read(pulsed, ForceTiming(), 0.05, place) for place in ForceTiming().places(pulsed))
+    late = ForceTiming().places(pulsed)[:2]
+    smooth, tight = (read(pulsed, ForceTiming(), 0.05, place) for place in late)
     assert tight.min() >= 0 and tight.max() <= 1
     assert smooth.min() < -0.01 and smooth.max() > 1.01
-    assert ForceTiming().near(pulsed, ForceTiming().places(pulsed)[0]) == [ForceTiming().places(pulsed)[1]]
+    assert ForceTiming().near(pulsed, late[0])[0] == late[1]
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.2])
+def test_through_a_volume_that_fills_a_swinging_load_swings_later_and_less(delay):
+    """Steadily, by `1 / sqrt(1 + (omega delay)^2)` and the phase `atan(omega delay)`: a low pass of first order."""
+    time, omega = 0.05 * np.arange(120), 3.0
+    scene = SimpleNamespace(time=time, forces=np.sin(omega * time)[:, None, None] * np.ones((1, 2, 3)), jet=None)
+    filled = ForceTiming().laws(scene)[-1]
+    assert filled.filled
+    expected = np.sin(omega * time - np.arctan(omega * delay)) / np.hypot(1, omega * delay)
+    steady = time > 10 * delay + 0.5
+    found = read(scene, ForceTiming(), delay, filled)
+    assert found[steady][:-1] == pytest.approx(expected[steady][:-1], abs=2e-3)
+    assert found[0] == 0 and np.abs(read(scene, ForceTiming(), 0.0, filled) - scene.forces[:, 0, 0]).max() < 1e-12

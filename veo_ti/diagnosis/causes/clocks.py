@@ -14,10 +14,16 @@ from veo_ti.diagnosis.scene import Scene
 
 @dataclass(frozen=True)
 class Reading:
-    """How the load goes on between frames: along a curve through them, as the jet that blows it or point by point."""
+    """How the load goes on between frames: along a curve through them, as the jet that blows it or point by point;
+    filled: whether it follows as through a volume that fills, not as it was."""
 
     way: type
     jet: bool
+    filled: bool = False
+
+
+# Gauss and Laguerre's rule for the mean of f(t - tau x) over exp(-x): what a volume that fills lets through.
+_DELAYS, _SHARES = np.polynomial.laguerre.laggauss(8)
 
 
 class ByTheClock(OfTheJet):
@@ -41,14 +47,19 @@ class ByTheClock(OfTheJet):
     def loads(self, scene: Scene, theta: np.ndarray, place: Reading) -> tuple[np.ndarray, Jet | None]:
         """The nominal history read at other times: before the first frame as in the reference pose, after the last one
         continued by at most a frame. A nozzle that jumps to another place does not swing."""
-        time = np.clip(self.times(scene, theta), scene.time[0], 2 * scene.time[-1] - scene.time[-2])
+        delays, shares = (_DELAYS, _SHARES) if place.filled else (np.ones(1), np.ones(1))
+        late = self.times(scene, theta) - scene.time
+        times = np.clip(scene.time + delays[:, None] * late, scene.time[0], 2 * scene.time[-1] - scene.time[-2])
 
         def read(values: np.ndarray, way: type = place.way) -> np.ndarray:
-            return way(scene.time, values, axis=0)(time)
+            return np.tensordot(shares, way(scene.time, values, axis=0)(times), axes=1)
 
         jet = scene.jet
         if not place.jet:
             return read(scene.forces), jet
+        if place.filled:  # it blows from where the nozzle is
+            ours = replace(jet, force=np.maximum(read(jet.force), 0.0))
+            return scene.blown(ours) + read(scene.forces - scene.blown(jet)), ours
         position, direction = (read(v, PchipInterpolator) for v in (jet.position, jet.direction))
         direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
         ours = replace(jet, position=position, direction=direction, force=np.maximum(read(jet.force), 0.0))
@@ -56,7 +67,7 @@ class ByTheClock(OfTheJet):
 
 
 class ForceTiming(ByTheClock):
-    """f(t) = f0(t - delay)."""
+    """f(t) = f0(t - delay), or what a valve lets through that fills a volume: delay f' = f0 - f."""
 
     name = "force_timing"
     sentence = "The force comes later (or earlier) than its time stamp."
@@ -66,9 +77,22 @@ class ForceTiming(ByTheClock):
         """About one frame."""
         return np.array([float(np.median(np.diff(scene.time)))])
 
+    def places(self, scene: Scene) -> Sequence[Reading]:
+        """Late, or through a volume that fills, smoothly as that is."""
+        late = super().places(scene)
+        return [*late, *(replace(r, filled=True) for r in late if r.way is PchipInterpolator)]
+
     def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
         """All as much earlier as it comes late."""
         return scene.time - theta[0]
+
+    def laws(self, scene: Scene) -> Sequence[Reading]:
+        """One of each: to first order they are the same."""
+        return [r for r in self.places(scene) if r.way is PchipInterpolator and r.jet == (scene.jet is not None)]
+
+    def describe(self, scene: Scene, place: Reading) -> str:
+        """How late."""
+        return "as through a valve that fills a volume" if place.filled else ""
 
 
 class ClockDrift(ByTheClock):

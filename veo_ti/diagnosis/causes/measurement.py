@@ -1,5 +1,6 @@
 """Causes in the measurement: the object did as simulated, tracking shows something else."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from veo_ti.diagnosis.scene import Scene
 
 
 class CameraScale(Cause):
-    """y_seen = c + (1 + s)(y - c) after the reference frame, about any point c: `y + s (y - middle) + d`."""
+    """y_seen = c + (1 + s w)(y - c) about any point c, `y + w (s (y - middle) + d)`, w one after the reference frame or
+    t / T, as of a lens that warms up."""
 
     name = "camera_scale"
     sentence = "The cameras' scale changed after the reference frame."
@@ -23,10 +25,24 @@ class CameraScale(Cause):
         """A hundredth; of a scale about a point as far from the middle as the object is long."""
         return 0.01 * np.array([1.0, *[float(np.ptp(scene.cloud.x, axis=0).max())] * 3])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def places(self, scene: Scene) -> Sequence[str]:
+        """At once, or with time."""
+        return ("at once", "with time")
+
+    def near(self, scene: Scene, place: str) -> Sequence[str]:
+        """The other one."""
+        return [other for other in self.places(scene) if other != place]
+
+    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
         """Everything grows about the middle of the rest shape, and shifts: nobody knows about which point it grew."""
-        middle = scene.cloud.x.mean(axis=0)
-        return Change(observe=lambda y, frames: y + scene.moving[frames] * (theta[0] * (y - middle) + theta[1:]))
+        middle, w = scene.cloud.x.mean(axis=0), scene.moving
+        if place == "with time":
+            w = ((scene.time - scene.time[0]) / np.ptp(scene.time))[:, None, None]
+        return Change(observe=lambda y, frames: y + w[frames] * (theta[0] * (y - middle) + theta[1:]))
+
+    def describe(self, scene: Scene, place: str) -> str:
+        """Since when."""
+        return "more and more, up to the last frame" if place == "with time" else "since the reference frame"
 
 
 class CorrespondenceSlip(Cause):

@@ -14,6 +14,8 @@ from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.loads import added
 from veo_ti.diagnosis.scene import Scene
 
+_SEVERAL = 0.1  # of a unit vector: jets whose directions differ by less blow from one side
+_UPRIGHT = 0.05  # sine of the angle to the vertical, below which a jet blows up or down, and has no side
 _ALL = 1.2  # of a load; more than all of it turns only as far as the simulation itself is off
 
 
@@ -37,8 +39,24 @@ class OtherLoads(Cause):
         return scene.under(*self.loads(scene, theta, place))
 
 
+def _axes(scene: Scene) -> np.ndarray:
+    """The nozzle's own axes in every frame, rows (T, 3, 3): to its right, up and ahead, held level."""
+    ahead, up = scene.jet.direction, scene.observation.up
+    right = np.cross(ahead, up)
+    level = np.linalg.norm(right, axis=1, keepdims=True) > _UPRIGHT * np.linalg.norm(up)
+    right = np.where(level, right, np.cross(ahead, np.roll(up, 1)))
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return np.stack([right, np.cross(right, ahead), ahead], axis=1)
+
+
+def _by_the_nozzle(scene: Scene) -> bool:
+    """Whether a jet is known that blows in several directions: what is off by the nozzle's axes is then another thing
+    than what is off in the room."""
+    return scene.jet is not None and np.ptp(scene.jet.direction, axis=0).max() > _SEVERAL
+
+
 class ForceDirection(OtherLoads):
-    """f = R(w) f, or the whole jet turned about its nozzle."""
+    """f = R(w) f, or the whole jet turned about its nozzle; by an axis in the room, or by the nozzle's own."""
 
     name = "force_direction"
     sentence = "The force points elsewhere than it was said to, by the same rotation in every frame."
@@ -47,11 +65,16 @@ class ForceDirection(OtherLoads):
 
     def places(self, scene: Scene) -> Sequence[Any]:
         """Turned on the spot; where the jet is known, also turned about the nozzle, which moves its footprint."""
-        return ("force", "nozzle") if scene.jet is not None else ("force",)
+        known = ("force", "nozzle") if scene.jet is not None else ("force",)
+        return (*known, "own") if _by_the_nozzle(scene) else known
+
+    def near(self, scene: Scene, place: str) -> Sequence[str]:
+        """The other ways."""
+        return [other for other in self.places(scene) if other != place]
 
     def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
         """Turned."""
-        turn, jet = Rotation.from_rotvec(theta), scene.jet
+        turn, jet = Rotation.from_rotvec(theta @ _axes(scene) if place == "own" else theta), scene.jet
         if place == "force":
             return turn.apply(scene.forces.reshape(-1, 3)).reshape(scene.forces.shape), jet
         turned = replace(jet, direction=turn.apply(jet.direction))
@@ -63,25 +86,42 @@ class ForceDirection(OtherLoads):
 
     def describe(self, scene: Scene, place: str) -> str:
         """What is turned."""
-        return "turned where it acts" if place == "force" else "turned about the nozzle"
+        about = "about the nozzle" + (", by its own axes (right, up, ahead)" if place == "own" else "")
+        return "turned where it acts" if place == "force" else f"turned {about}"
 
 
 class ForceOffset(OtherLoads):
-    """f(x) = f0(x - dp)."""
+    """f(x) = f0(x - dp), dp in the room or, as of a marker that sits askew, by the nozzle's own axes."""
 
     name = "force_offset"
     sentence = "The force acts beside the place it was said to, by the same shift in every frame."
     parameters = tuple(Parameter(name=f"shift_{a}", unit="m", sd=0.01) for a in "xyz")
     rank = 1
 
-    def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
+    def places(self, scene: Scene) -> Sequence[str]:
+        """In the room; where the jet blows in several directions, also by the nozzle."""
+        return ("room", "own") if _by_the_nozzle(scene) else ("room",)
+
+    def near(self, scene: Scene, place: str) -> Sequence[str]:
+        """The other axes."""
+        return [other for other in self.places(scene) if other != place]
+
+    def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
         """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
         jet = scene.jet
         if jet is not None:
-            shifted = replace(jet, position=jet.position + theta)
+            shifted = replace(jet, position=jet.position + (theta @ _axes(scene) if place == "own" else theta))
             return scene.reblown(shifted), shifted
         slope = scene.cloud.deformation_gradient(scene.forces + scene.cloud.x) - np.eye(3)
         return scene.forces - slope @ theta, None
+
+    def elsewhere(self, scene: Scene, place: str) -> str:
+        """Without a nozzle, in the room."""
+        return place if scene.jet is not None else "room"
+
+    def describe(self, scene: Scene, place: str) -> str:
+        """By which axes."""
+        return "by the nozzle's own axes (right, up, ahead)" if place == "own" else ""
 
 
 class OfTheJet(OtherLoads):
