@@ -57,7 +57,7 @@ def throttled_sweep(rng: np.random.Generator, scene: Scene) -> Hidden:
 
         return replace(model, shot=shot)
 
-    return Hidden(name="throttled_sweep", start=0.2, most=0.7, change=change, details={"sign": way})
+    return Hidden(name="load_case", start=0.2, most=0.7, change=change, details={"sign": way})
 
 
 def wide_footprint(rng: np.random.Generator, scene: Scene) -> Hidden:
@@ -88,7 +88,7 @@ def smoothing(rng: np.random.Generator, scene: Scene) -> Hidden:
 
         return show
 
-    return Hidden(name="smoothing", start=0.7, most=2.0, change=lambda model, w: model.with_view(view(w)))
+    return Hidden(name="temporal_smoothing", start=0.7, most=2.0, change=lambda model, w: model.with_view(view(w)))
 
 
 def knocked_camera(rng: np.random.Generator, scene: Scene) -> Hidden:

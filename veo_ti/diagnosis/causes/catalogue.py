@@ -1,6 +1,7 @@
 """Every known cause, in the order in which `veo causes` lists them."""
 
 from veo_ti.diagnosis.causes import (
+    cases,
     clocks,
     dynamics,
     geometry,
@@ -27,6 +28,7 @@ CATALOGUE: tuple[Cause, ...] = (
     other_loads.ForceDirection(),
     other_loads.ForceOffset(),
     other_loads.ForceMagnitude(),
+    cases.LoadCase(),
     clocks.ForceTiming(),
     other_loads.FollowerLoad(),
     loads.HiddenForce(),
@@ -38,5 +40,6 @@ CATALOGUE: tuple[Cause, ...] = (
     loads.GravityDirection(),
     measurement.CameraScale(),
     measurement.CorrespondenceSlip(),
+    measurement.TemporalSmoothing(),
     clocks.ClockDrift(),
 )

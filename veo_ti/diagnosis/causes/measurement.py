@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
@@ -77,6 +78,35 @@ class CorrespondenceSlip(Cause):
             return -theta[0] * (_along(motion, n) - _dot(moved, turned) * n - _dot(moved, n) * turned)
 
         return further
+
+
+class TemporalSmoothing(Cause):
+    """y_seen = exp(v / 2 d2/dt2) y, or y + v / 2 y'' to first order: through a Gaussian window of the variance v."""
+
+    name = "temporal_smoothing"
+    sentence = "Tracking smooths over time: it shows fast motion slower and smaller than it was, before it happens too."
+    parameters = (Parameter(name="variance", unit="s2", sd=1e-3, positive=True),)
+    over_time = "a motion"
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A window as wide as a frame."""
+        return np.array([float(np.median(np.diff(scene.time))) ** 2])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """By frames; what is seen starts from the reference pose, as it is seen."""
+        added = self._added(scene, theta, scene.y - scene.cloud.x)
+        return Change(observe=lambda y, frames: y + added[frames])
+
+    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
+        """A change of motion is smoothed, too."""
+        return lambda motion, frames, change: self._added(scene, theta, motion)
+
+    def _added(self, scene: Scene, theta: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """What smoothing adds to a motion (n, N, 3) of the first n frames; nothing flows over its ends."""
+        n, window = len(motion), theta[0] / self.widths(scene)[0]
+        apart = np.diff(np.eye(n), axis=0)
+        added = np.tensordot(expm(-window / 2 * apart.T @ apart) - np.eye(n), motion, axes=1)
+        return added - added[:1]
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
