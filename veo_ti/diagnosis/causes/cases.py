@@ -50,8 +50,9 @@ def cases(scene: Scene) -> list[tuple[int, int]]:
     total = scene.forces.sum(axis=1)
     size = np.linalg.norm(total, axis=1)
     loaded = size > _LOADED * size.max(initial=0.0)
-    turned = (total[1:] * total[:-1]).sum(axis=1) < _ANOTHER * size[1:] * size[:-1]
-    begins = np.flatnonzero(loaded & ~(np.append(False, loaded[:-1] & ~turned)))
-    ends = [int(np.append(np.flatnonzero(~loaded[b:]), len(loaded) - b)[0] + b) for b in begins]
-    later = [*begins[1:].tolist(), len(loaded)]
-    return [(int(b), min(end, then)) for b, end, then in zip(begins, ends, later, strict=True)]
+    turned = np.append(True, (total[1:] * total[:-1]).sum(axis=1) < _ANOTHER * size[1:] * size[:-1])
+    found: list[tuple[int, int]] = []
+    for frame in map(int, np.flatnonzero(loaded)):
+        goes_on = found and found[-1][1] == frame and not turned[frame]
+        found[-1:] = [(found[-1][0], frame + 1)] if goes_on else [*found[-1:], (frame, frame + 1)]
+    return found
