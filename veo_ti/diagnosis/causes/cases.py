@@ -53,6 +53,8 @@ def cases(scene: Scene) -> list[tuple[int, int]]:
     turned = np.append(True, (total[1:] * total[:-1]).sum(axis=1) < _ANOTHER * size[1:] * size[:-1])
     found: list[tuple[int, int]] = []
     for frame in map(int, np.flatnonzero(loaded)):
-        goes_on = found and found[-1][1] == frame and not turned[frame]
-        found[-1:] = [(found[-1][0], frame + 1)] if goes_on else [*found[-1:], (frame, frame + 1)]
+        if found and found[-1][1] == frame and not turned[frame]:
+            found[-1] = (found[-1][0], frame + 1)
+        else:
+            found.append((frame, frame + 1))
     return found
