@@ -77,6 +77,7 @@ class Damaged:
     F: np.ndarray
     share: float
     scale: float
+    soon: bool = False
 
     def terms(self) -> tuple[Term, ...]:
         """What it lost."""
@@ -95,7 +96,7 @@ class Damaged:
     @cached_property
     def D(self) -> np.ndarray:
         """The damage done, (T, N), from 0 to 1."""
-        return damage(self.F, self.scale)
+        return damage(self.F, self.scale, soon=self.soon)
 
     @cached_property
     def load_slope(self) -> np.ndarray:
@@ -137,5 +138,5 @@ class PassingDamage:
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        slope = what.share * damage_slope(what.D[frame], what.scale)
+        slope = what.share * damage_slope(what.D[frame], what.scale, soon=what.soon)
         return what.elastic.stencil.gathered(what.each[frame], slope * load)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim.laws.history import damage, green_strain, largest, viscous
+from sim.laws.history import damage, damage_slope, green_strain, largest, viscous
 
 TAU = 0.3  # [s]
 
@@ -120,6 +120,16 @@ def test_damage_is_that_of_the_largest_load_so_far():
     got = damage(stretched(s), 0.5)
     np.testing.assert_allclose(got[:, 0], 1 - 1 / (1 + largest / 0.5), atol=1e-14)
     np.testing.assert_allclose(got[:, 1], 0.0, atol=1e-14)
+    soon = damage(stretched(s), 0.5, soon=True)
+    np.testing.assert_allclose(soon[:, 0], 1 - np.exp(-largest / 0.5), atol=1e-14)
+
+
+@pytest.mark.parametrize("soon", [False, True])
+def test_damage_grows_at_the_rate_it_says(soon):
+    s, step = 1.5, 1e-6
+    D, more = (damage(stretched(np.array([v])), 0.5, soon=soon)[0, 0] for v in (s, s + step))
+    rate = damage_slope(D, 0.5, soon=soon) * (2 * s - 2 / s**2)  # of I = s^2 + 2 / s - 3
+    assert (more - D) / step == pytest.approx(rate, rel=1e-4)
 
 
 def test_damage_grows_and_stays_below_one():

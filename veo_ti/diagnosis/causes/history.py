@@ -1,6 +1,7 @@
 """Causes in the material's history: what it went through, and how long ago, changes it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,8 +50,21 @@ class StiffnessDrift(Cause):
         return f"settling with a time constant of {np.ptp(scene.time) / place:.3g} s" if place else "evenly"
 
 
+@dataclass(frozen=True)
+class Damage:
+    """How soon damage is done: I0, and whether by the exponential law."""
+
+    scale: float
+    soon: bool = False
+
+    @property
+    def half(self) -> float:
+        """The shear energy at which half of it is done, over mu."""
+        return self.scale / 2 * (np.log(2) if self.soon else 1.0)
+
+
 class Softening(Cause):
-    """psi becomes (1 - d D) psi, D = I / (I + I0) with I the largest so far (Mullins)."""
+    """psi becomes (1 - d D) psi, D = I / (I + I0), or 1 - exp(-I / I0), with I the largest so far (Mullins)."""
 
     name = "softening"
     sentence = "The material grew softer where it was strained before, and stays so."
@@ -58,22 +72,25 @@ class Softening(Cause):
     material = True
     follows = True
 
-    def places(self, scene: Scene) -> Sequence[float]:
-        """I0, shares of the 90th percentile over the object of the largest I before any refit."""
-        worst = strain_energy(scene).max(axis=0)
-        return [share * max(float(np.quantile(worst, 0.9)), 1e-9) for share in _SCALES]
+    def places(self, scene: Scene) -> Sequence[Damage]:
+        """I0, shares of the 90th percentile over the object of the largest I before any refit; by both laws."""
+        worst = max(float(np.quantile(strain_energy(scene).max(axis=0), 0.9)), 1e-9)
+        return [Damage(share * worst, soon) for soon in (False, True) for share in _SCALES]
 
-    def near(self, scene: Scene, place: float) -> Sequence[float]:
-        """Scales in between and beyond."""
-        return [place * factor for factor in _FURTHER]
+    def near(self, scene: Scene, place: Damage) -> Sequence[Damage]:
+        """Scales in between and beyond; by the other law those at which about as much is done."""
+        other = Damage(place.scale * (0.5 if place.soon else 2.0), not place.soon)
+        return [replace(place, scale=place.scale * factor) for factor in _FURTHER] + [
+            replace(other, scale=other.scale * factor) for factor in (1.0, *_BETWEEN)
+        ]
 
-    def courses(self, scene: Scene, place: float) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: Damage) -> Sequence[Course]:
         """Of scales."""
-        return (scaled,)
+        return (lambda start, steps: replace(start, scale=scaled(start.scale, steps)),)
 
-    def measures(self, place: float) -> Sequence[Measure]:
+    def measures(self, place: Damage) -> Sequence[Measure]:
         """The scale."""
-        return (Measure("half_done_at", "of mu", place / 2, scale=True),)
+        return (Measure("half_done_at", "of mu", place.half, scale=True),)
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """No further than stress rises with strain."""
@@ -83,21 +100,25 @@ class Softening(Cause):
         """Up to there."""
         return np.minimum(super().room(theta), (1 - theta) * np.log((1 - theta) / (1 - _UPRIGHT)))
 
-    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: Damage) -> Change:
         """The damage that the simulated motion has done so far."""
         return Change(terms=self._damaged(scene, theta, place).terms())
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[Past, ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Damage) -> tuple[Past, ...]:
         """The largest load."""
         return (PassingDamage(self._damaged(scene, theta, place)),)
 
     @staticmethod
-    def _damaged(scene: Scene, theta: np.ndarray, place: float) -> Damaged:
-        return Damaged(elastic=scene.energy.elastic, y=scene.y, F=scene.F, share=theta[0], scale=place)
+    def _damaged(scene: Scene, theta: np.ndarray, place: Damage) -> Damaged:
+        return Damaged(
+            elastic=scene.energy.elastic, y=scene.y, F=scene.F, share=theta[0], scale=place.scale,
+            soon=place.soon,
+        )  # fmt: skip
 
-    def describe(self, scene: Scene, place: float) -> str:
+    def describe(self, scene: Scene, place: Damage) -> str:
         """How much it takes."""
-        return f"half of it done at a shear energy of {place / 2:.2g} mu"
+        done = f"half of it done at a shear energy of {place.half:.2g} mu"
+        return done + (", nineteen twentieths at four times that" if place.soon else "")
 
 
 class Viscoelasticity(Cause):
