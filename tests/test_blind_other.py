@@ -12,7 +12,7 @@ def test_other_laws_are_of_causes_that_have_a_name_or_of_none_that_others_hide(s
     plans = [world.plan(seed, "other")[0] for seed in range(9001, 9001 + len(world.OTHER))]
     assert sorted(plans) == sorted((name,) for name in world.OTHER)
     names = {world.OTHER[name](np.random.default_rng(1), scene).name for (name,) in plans}
-    assert names - set(world.CATALOGUE) == {draw.__name__ for draw in other_causes.DRAWS}
+    assert names - set(world.CATALOGUE) == {draw(np.random.default_rng(1), scene).name for draw in other_causes.DRAWS}
     assert not set(world.OTHER) & set(world.CATALOGUE)
 
 
