@@ -106,19 +106,7 @@ def sinking_table(rng: np.random.Generator, scene: Scene) -> Hidden:
     tilted, last = of_loads.gravity_direction(rng, scene), float(scene.time[-1])
 
     def change(model: Model, angle: float) -> Model:
-        def at(share: float) -> np.ndarray:
-            return tilted.change(Model.plain(scene), share * angle).extra(last)
-
-        # Its three parts are smooth in the angle, and no step of the solver should wait for them.
-        shares = np.linspace(0, 1, 21)
-        pulls = np.stack([at(float(s)) for s in shares])
-
-        def force(t: float) -> np.ndarray:
-            i = min(int(20 * t / last), 19)
-            f = 20 * t / last - i
-            return (1 - f) * pulls[i] + f * pulls[i + 1]
-
-        return model.with_force(force)
+        return model.with_force(lambda t: tilted.change(Model.plain(scene), angle * t / last).extra(t))
 
     return replace(tilted, change=change, tells=lambda angle: {})
 

@@ -29,10 +29,6 @@ class LoadCase(OtherLoads):
         """Each case, from a frame up to another one."""
         return cases(scene)
 
-    def near(self, scene: Scene, place: tuple[int, int]) -> Sequence[tuple[int, int]]:
-        """The others."""
-        return [other for other in cases(scene) if other != place]
-
     def loads(self, scene: Scene, theta: np.ndarray, place: tuple[int, int]) -> tuple[np.ndarray, Jet | None]:
         """Scaled in these frames."""
         factor = np.ones((len(scene.time), 1, 1))

@@ -57,12 +57,11 @@ class ByTheClock(OfTheJet):
         jet = scene.jet
         if not place.jet:
             return read(scene.forces), jet
-        if place.filled:  # it blows from where the nozzle is
-            ours = replace(jet, force=np.maximum(read(jet.force), 0.0))
-            return scene.blown(ours) + read(scene.forces - scene.blown(jet)), ours
-        position, direction = (read(v, PchipInterpolator) for v in (jet.position, jet.direction))
-        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
-        ours = replace(jet, position=position, direction=direction, force=np.maximum(read(jet.force), 0.0))
+        ours = replace(jet, force=np.maximum(read(jet.force), 0.0))
+        if not place.filled:  # what fills later blows from where the nozzle is
+            position, direction = (read(v, PchipInterpolator) for v in (jet.position, jet.direction))
+            direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
+            ours = replace(ours, position=position, direction=direction)
         return scene.blown(ours) + read(scene.forces - scene.blown(jet)), ours
 
 

@@ -26,6 +26,10 @@ class OtherLoads(Cause):
     needs_load = True
     rank = 3
 
+    def near(self, scene: Scene, place: Any) -> Sequence[Any]:
+        """The other ones: its places are few."""
+        return [other for other in self.places(scene) if other != place]
+
     def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
         """The forces (T, N, 3) [N] instead of the nominal ones, and the jet that blows them, where one is known."""
         raise NotImplementedError
@@ -68,10 +72,6 @@ class ForceDirection(OtherLoads):
         known = ("force", "nozzle") if scene.jet is not None else ("force",)
         return (*known, "own") if _by_the_nozzle(scene) else known
 
-    def near(self, scene: Scene, place: str) -> Sequence[str]:
-        """The other ways."""
-        return [other for other in self.places(scene) if other != place]
-
     def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
         """Turned."""
         turn, jet = Rotation.from_rotvec(theta @ _axes(scene) if place == "own" else theta), scene.jet
@@ -102,10 +102,6 @@ class ForceOffset(OtherLoads):
         """In the room; where the jet blows in several directions, also by the nozzle."""
         return ("room", "own") if _by_the_nozzle(scene) else ("room",)
 
-    def near(self, scene: Scene, place: str) -> Sequence[str]:
-        """The other axes."""
-        return [other for other in self.places(scene) if other != place]
-
     def loads(self, scene: Scene, theta: np.ndarray, place: str) -> tuple[np.ndarray, Jet | None]:
         """With a jet, its nozzle shifted; else the force field shifted to first order by its own gradient."""
         jet = scene.jet
@@ -126,10 +122,6 @@ class ForceOffset(OtherLoads):
 
 class OfTheJet(OtherLoads):
     """Other loads by one of several laws, of the jet or of the forces: places have a `jet` that says of which."""
-
-    def near(self, scene: Scene, place: Any) -> Sequence[Any]:
-        """The other ones."""
-        return [other for other in self.places(scene) if other != place]
 
     def elsewhere(self, scene: Scene, place: Any) -> Any:
         """Of the forces where no jet is known."""
