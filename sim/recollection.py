@@ -6,8 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from sim.elastic import Elastic
-from sim.laws.history import Memory, damage, damage_slope, green_strain
+from sim.laws.history import Memory, green_strain
 from sim.laws.reference import LinearStress
+from sim.laws.softening import SoftBelow, damage, damage_slope, largest_load, load
 from sim.stencil import Stencil
 from sim.terms.base import Term
 from sim.terms.material import ExtraLaw, Held
@@ -69,14 +70,45 @@ class Passing:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Damaged:
-    """An elastic body that lost `share D` of its energy, D of the largest load so far (see `sim.laws.history`)."""
+class _Softened:
+    """An elastic body that lost a share of its energy by the largest load so far (see `sim.laws.softening`)."""
 
     elastic: Elastic
     y: np.ndarray  # (T, N, 3) [m]
     F: np.ndarray
     share: float
     scale: float
+    at_once = True  # whether a frame loses by its own load
+
+    @cached_property
+    def load_slope(self) -> np.ndarray:
+        """How the load grows with the Green strain, `dI/dE = 2 (1 - C^-1)`, (T, N, 3, 3)."""
+        return 2 * (np.eye(3) - np.linalg.inv(self.F.swapaxes(2, 3) @ self.F))
+
+    @cached_property
+    def largest(self) -> np.ndarray:
+        """The largest load so far, (T, N)."""
+        return largest_load(self.F)
+
+    @cached_property
+    def fresh(self) -> np.ndarray:
+        """Where that is a frame's own, (T, N)."""
+        return np.diff(self.largest, axis=0, prepend=0.0) > 0
+
+    @cached_property
+    def each(self) -> np.ndarray:
+        """What every stencil would lose on its own points if it lost all, (T, N, k + 1, 3) [N]."""
+        raise NotImplementedError
+
+    def slope(self, frame: int) -> np.ndarray:
+        """How the share that is lost grows with the largest load, (N,)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Damaged(_Softened):
+    """For good: `share D` of its energy, D of the largest load."""
+
     soon: bool = False
 
     def terms(self) -> tuple[Term, ...]:
@@ -90,7 +122,7 @@ class Damaged:
 
     @cached_property
     def each(self) -> np.ndarray:
-        """What every stencil would lose on its own points if it lost all, (T, N, k + 1, 3) [N]."""
+        """With the stabilisation."""
         return self.lost(np.ones((1, self.y.shape[1]))).each(self.y)
 
     @cached_property
@@ -98,33 +130,51 @@ class Damaged:
         """The damage done, (T, N), from 0 to 1."""
         return damage(self.F, self.scale, soon=self.soon)
 
-    @cached_property
-    def load_slope(self) -> np.ndarray:
-        """How the load grows with the Green strain, `dI/dE = 2 (1 - C^-1)`, (T, N, 3, 3)."""
-        return 2 * (np.eye(3) - np.linalg.inv(self.F.swapaxes(2, 3) @ self.F))
+    def slope(self, frame: int) -> np.ndarray:
+        """Of the damage."""
+        return self.share * damage_slope(self.D[frame], self.scale, soon=self.soon)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SoftenedBelow(_Softened):
+    """Below the largest load before: `share tanh` of its shear stress (`sim.laws.softening.SoftBelow`)."""
+
+    at_once = False
+
+    def terms(self) -> tuple[Term, ...]:
+        """What it lost."""
+        given, before = self.elastic, np.concatenate([np.zeros_like(self.largest[:1]), self.largest[:-1]])
+        m = np.stack(np.broadcast_arrays(given.m[:, 0], self.share, self.scale, before), axis=2)
+        return (ExtraLaw(stencil=given.stencil, law=SoftBelow, m=m),)
 
     @cached_property
-    def fresh(self) -> np.ndarray:
-        """Where a frame does the damage itself, (T, N)."""
-        return np.diff(self.D, axis=0, prepend=0.0) > 0
+    def each(self) -> np.ndarray:
+        """Of the shear modulus."""
+        given = self.elastic
+        return ExtraLaw(stencil=given.stencil, law=given.law, m=given.m * [1.0, 0.0]).each(self.y)
+
+    def slope(self, frame: int) -> np.ndarray:
+        """Of tanh, and nothing where the frame's own load is the largest."""
+        below = (self.largest[frame] - load(self.F[frame])) / self.scale
+        return np.where(self.fresh[frame], 0.0, self.share * (1 - np.tanh(below) ** 2) / self.scale)
 
 
-class PassingDamage:
-    """How changes (K, N, 3) of the motion of one frame act on those after it, and on itself, by the damage they do."""
+class PassingSoftening:
+    """How changes (K, N, 3) of the motion of one frame act on those after it, and on itself, by what they soften."""
 
-    def __init__(self, what: Damaged) -> None:
+    def __init__(self, what: Damaged | SoftenedBelow) -> None:
         self._what, self._largest = what, np.zeros((1, what.y.shape[1]))
 
     def force(self, frame: int) -> np.ndarray:
-        """Where earlier frames did the damage, (K, N, 3) [N]."""
+        """Where earlier frames had the largest load, (K, N, 3) [N]."""
         return self._pushed(frame, np.where(self._what.fresh[frame], 0.0, self._largest))
 
     def acts(self, frame: int) -> bool:
-        """Where the frame does damage."""
-        return bool(self._what.fresh[frame].any())
+        """Where the frame has."""
+        return self._what.at_once and bool(self._what.fresh[frame].any())
 
     def own(self, frame: int, change: np.ndarray) -> np.ndarray:
-        """By the damage it does, (K, N, 3) [N]."""
+        """By its own load, (K, N, 3) [N]."""
         return self._pushed(frame, np.where(self._what.fresh[frame], self._load(frame, change), 0.0))
 
     def keep(self, frame: int, change: np.ndarray) -> None:
@@ -138,5 +188,4 @@ class PassingDamage:
 
     def _pushed(self, frame: int, load: np.ndarray) -> np.ndarray:
         what = self._what
-        slope = what.share * damage_slope(what.D[frame], what.scale, soon=what.soon)
-        return what.elastic.stencil.gathered(what.each[frame], slope * load)
+        return what.elastic.stencil.gathered(what.each[frame], what.slope(frame) * load)

@@ -90,7 +90,7 @@ def test_a_load_that_turns_is_remembered_as_the_other_cause_made_it(scene):  # n
 def test_no_load_turns_much_further_than_the_surface():
     """However far a slope promises to gain."""
     steps = np.array([0.1, 1.0, 10.0])
-    shares = np.array([FollowerLoad().stepped(np.zeros(1), np.array([step]))[0] for step in steps])
+    shares = np.array([FollowerLoad().stepped(np.zeros(1), np.array([step]), None)[0] for step in steps])
     assert shares[0] == pytest.approx(0.1, rel=0.05) and (np.diff(shares) > 0).all() and 1 < shares[-1] <= 1.2
 
 

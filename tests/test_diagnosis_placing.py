@@ -8,7 +8,7 @@ from test_diagnosis_experiment import NOISE, model, scene  # noqa: F401
 
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.dynamics import Inertia, Ring
-from veo_ti.diagnosis.causes.history import Damage, Softening, Viscoelasticity
+from veo_ti.diagnosis.causes.history import Mullins, Softening, Viscoelasticity
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.fitted import OURS
 from veo_ti.diagnosis.intervals import measured, unsure_of_place
@@ -151,9 +151,9 @@ def test_an_interval_holds_how_unsure_the_time_constant_is(scene, model):  # noq
 
 def test_of_two_causes_each_goes_along_its_own_course(scene):  # noqa: F811
     both = Beside(Viscoelasticity(), Softening())
-    here = (2.0, Damage(0.1))
+    here = (2.0, Mullins(0.1))
     before, after = ([on(here, step) for on in both.courses(scene, here)] for step in (-1.0, 1.0))
-    assert before[0][0] < 2.0 < after[0][0] and before[0][1] == after[0][1] == Damage(0.1)
+    assert before[0][0] < 2.0 < after[0][0] and before[0][1] == after[0][1] == Mullins(0.1)
     assert before[1][1].scale < 0.1 < after[1][1].scale and before[1][0] == after[1][0] == 2.0
     assert [on(here, 0.0) for on in both.courses(scene, here)] == [here] * 2
     assert not Beside(CameraScale(), CameraScale()).courses(scene, (None, None))

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from veo_ti.diagnosis.causes.beside import Beside
-from veo_ti.diagnosis.causes.history import Softening, StiffnessDrift
+from veo_ti.diagnosis.causes.history import Mullins, Softening, StiffnessDrift
 from veo_ti.diagnosis.causes.other_loads import FollowerLoad
 from veo_ti.diagnosis.way import Way
 
@@ -85,16 +85,17 @@ def test_a_material_that_would_change_far_is_held_back_and_shortens_nothing_else
     assert step == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize("cause", [Softening(), FollowerLoad()])
-def test_as_long_as_there_is_room_a_step_goes_about_as_far_as_it_says(cause):
+@pytest.mark.parametrize(("cause", "place"), [(Softening(), Mullins(0.1)), (FollowerLoad(), None)])
+def test_as_long_as_there_is_room_a_step_goes_about_as_far_as_it_says(cause, place):
     """And there always is some."""
     for theta in np.array([0.0, 0.5, 0.8, 0.88])[:, None]:
-        room = cause.room(theta)
-        assert room > 0 and 0.6 * room < cause.stepped(theta, room) - theta <= room
+        room = cause.room(theta, place)
+        assert room > 0 and 0.6 * room < cause.stepped(theta, room, place) - theta <= room
         if room < 0.3:
-            assert cause.stepped(theta, 10 * room) - theta < 2 * room
+            assert cause.stepped(theta, 10 * room, place) - theta < 2 * room
 
 
 def test_room_is_that_of_each_of_two_causes():
-    theta = np.array([0.3, 0.5])
-    assert Beside(StiffnessDrift(), Softening()).room(theta).tolist() == [np.inf, *Softening().room(theta[1:])]
+    theta, soft = np.array([0.3, 0.5]), Mullins(0.1)
+    room = Beside(StiffnessDrift(), Softening()).room(theta, (0.0, soft))
+    assert room.tolist() == [np.inf, *Softening().room(theta[1:], soft)]

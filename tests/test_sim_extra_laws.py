@@ -12,9 +12,10 @@ from sim.laws.fields import MaterialFields
 from sim.laws.history import green_strain
 from sim.laws.neo_hookean import NeoHookean
 from sim.laws.reference import LinearStress
+from sim.laws.softening import SoftBelow
 
 LAWS = {law.__name__: law for law in (
-    YeohStiffening, GentStiffening, VolumetricChange, Fibre, TensionCompression, LinearStress)}  # fmt: skip
+    YeohStiffening, GentStiffening, VolumetricChange, Fibre, TensionCompression, LinearStress, SoftBelow)}  # fmt: skip
 COUNT = 40
 
 
@@ -49,6 +50,9 @@ def parameters(law, F: np.ndarray, seed: int = 0) -> np.ndarray:
         return LinearStress.pack(modulus, S + S.swapaxes(1, 2))
     if law is GentStiffening:
         strength = 10 ** random.uniform(-3, -0.5, len(F)) / invariant(F)
+    if law is SoftBelow:  # clearly below the largest load, and clearly above
+        I1, above = invariant(F), np.arange(len(F)) % 4 == 0
+        return np.stack([modulus, strength / 10, I1 * strength, I1 * np.where(above, 0.3, 3.0)], axis=1)
     m = np.stack([modulus, strength], axis=1)
     if law is not Fibre:
         return m
@@ -70,6 +74,9 @@ def energy_in_numpy(law, F: np.ndarray, m: np.ndarray) -> np.ndarray:
         return first * second / 2 * ((np.einsum("mij,mj->mi", F, m[:, 2:]) ** 2).sum(axis=1) - 1) ** 2
     if law is TensionCompression:
         return first * second / 3 * np.trace(E, axis1=1, axis2=2) ** 3
+    if law is SoftBelow:
+        s, most = m[:, 2], m[:, 3]
+        return -first * second / 2 * s * (np.log(np.cosh(most / s)) - np.log(np.cosh(np.maximum(most - I1, 0) / s)))
     S = np.stack([m[:, k] for k in (1, 6, 5, 6, 2, 4, 5, 4, 3)], axis=1).reshape(-1, 3, 3)
     return (first[:, None, None] * E**2 + S * E).sum((1, 2))
 
@@ -152,14 +159,14 @@ def test_energy_does_not_see_a_rotation_and_the_stress_turns_along(law):
     assert relative(turned[2], R @ dP) < 1e-12
 
 
-@pytest.mark.parametrize("name", ["YeohStiffening", "GentStiffening", "VolumetricChange", "TensionCompression"])
+@pytest.mark.parametrize("name", [n for n in LAWS if n not in ("Fibre", "LinearStress")])
 def test_isotropic_law_does_not_see_how_the_material_lies(name):
     F, R = states(6), clouds.rotation(1.1)
     m = parameters(LAWS[name], F)
     assert by_hand(LAWS[name], F @ R, m)[0] == pytest.approx(by_hand(LAWS[name], F, m)[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["YeohStiffening", "GentStiffening", "VolumetricChange"])
+@pytest.mark.parametrize("name", ["YeohStiffening", "GentStiffening", "VolumetricChange", "SoftBelow"])
 def test_energy_is_infinite_where_the_material_is_turned_inside_out(name):
     F = states(7)
     m = parameters(LAWS[name], F)
@@ -232,3 +239,13 @@ def test_gent_goes_on_along_its_tangent_beyond_nineteen_twentieths_of_its_limit(
     assert 0.2 < beyond.mean() < 0.8 and np.isfinite(psi).all()
     slope = np.gradient(psi[beyond], invariant(F)[beyond])[1:-1]
     assert slope == pytest.approx(mu / 2 * (19 + 400 * (x[beyond][1:-1] - 0.95)), rel=1e-4)
+
+
+def test_a_material_is_soft_far_below_its_largest_load_and_as_ever_from_it_on():
+    """Shear stress falls to 1 - d of itself."""
+    F, d = states(8), 0.7
+    I1, mu = invariant(F), np.full(COUNT, 2.0)
+    base = by_hand(NeoHookean, F, np.stack([mu, 0 * mu], axis=1))[1]
+    for largest, lost in ((I1 + 1.0, d), (I1, 0.0), (0.5 * I1, 0.0), (0 * I1, 0.0)):
+        m = np.stack([mu, 0 * mu + d, 0 * mu + 0.02, largest], axis=1)
+        assert by_hand(SoftBelow, F, m)[1] == pytest.approx(-lost * base, abs=1e-12)

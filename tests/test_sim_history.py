@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim.laws.history import damage, damage_slope, green_strain, largest, viscous
+from sim.laws.history import green_strain, largest, viscous
+from sim.laws.softening import damage, damage_slope
 
 TAU = 0.3  # [s]
 

@@ -1,4 +1,4 @@
-"""What a material remembers of its motion: a Maxwell branch its strain, a damaged one the largest load so far."""
+"""What a material remembers of its strains: a Maxwell branch, or a permanent set."""
 
 from dataclasses import dataclass
 
@@ -72,23 +72,3 @@ def largest(E: np.ndarray) -> Memory:
     return Memory(
         own=scale * (size / most) ** _SHARP, decay=scale / before * fade, share=scale * (earlier / most) ** _SHARP
     )
-
-
-def damage(F: np.ndarray, scale: float, *, soon: bool = False) -> np.ndarray:
-    """Mullins variable `D_t = I / (I + scale)`, I the largest I_s up to t, of a trajectory F (T, ..., 3, 3), (T, ...).
-
-    soon: the usual `1 - exp(-I / scale)` (Miehe 1995), which ends sooner. I = I_c - 3 - 2 ln J is the invariant of
-    `sim.laws.extra`; at I = scale half the damage is done, or 63 %. A stress (1 - d D) of the elastic one, I in
-    proportion to the square of the strain, never falls while the strain grows as long as d < 8/9, and a loaded body
-    keeps an equilibrium (d < 0.69 if soon). Raises ValueError when scale is not positive or an F is inside out.
-    """
-    require(scale > 0, "scale", "be positive", scale)
-    J = np.linalg.det(F)
-    require(bool((J > 0).all()), "F", "have J > 0 everywhere", J.min())
-    invariant = np.maximum.accumulate(np.maximum((F**2).sum(axis=(-2, -1)) - 3 - 2 * np.log(J), 0.0), axis=0)
-    return -np.expm1(-invariant / scale) if soon else invariant / (invariant + scale)
-
-
-def damage_slope(D: np.ndarray, scale: float, *, soon: bool = False) -> np.ndarray:
-    """dD/dI of `damage` where a frame does it itself, `(1 - D)^2 / scale`, or `(1 - D) / scale`."""
-    return (1 - D) ** (1 if soon else 2) / scale

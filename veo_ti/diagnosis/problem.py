@@ -57,11 +57,11 @@ class Problem:
 
     def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The cause's parameters (d,) after a step."""
-        return theta if self.cause is None else self.cause.stepped(theta, change)
+        return theta if self.cause is None else self.cause.stepped(theta, change, self.place)
 
     def room(self, theta: np.ndarray) -> np.ndarray:
         """The largest change of all unknowns (K + E + d,), which only parameters of the cause bound."""
-        own = np.zeros(0) if self.cause is None else self.cause.room(theta)
+        own = np.zeros(0) if self.cause is None else self.cause.room(theta, self.place)
         return np.concatenate([np.full(len(self.prior) - len(own), np.inf), own])
 
     def turned(self, theta: np.ndarray, before: np.ndarray) -> bool:

@@ -189,7 +189,7 @@ class Cause:
         most 1; 1 without such a law."""
         return 1.0
 
-    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def stepped(self, theta: np.ndarray, change: np.ndarray, place: Any) -> np.ndarray:
         """The parameters (d,) after a step, `most - (most - theta) exp(-change / (most - theta))`, which is never met.
 
         What a share d of the stiffness takes, a stiffness of 1 / (1 - d) gives back: the two are straight against each
@@ -202,7 +202,7 @@ class Cause:
         curved = theta - room * np.expm1(np.clip(-change / room, -_FOLDS, _FOLDS))
         return np.where(limited, curved, theta + change)
 
-    def room(self, theta: np.ndarray) -> np.ndarray:
+    def room(self, theta: np.ndarray, place: Any) -> np.ndarray:
         """The largest change (d,) by which such a step goes on about as far as it says."""
         return _STRAIGHT * (np.array([p.most for p in self.parameters]) - theta)
 

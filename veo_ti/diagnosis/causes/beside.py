@@ -83,13 +83,13 @@ class Beside(Cause):
             scene = cause.told(scene, theta[own], at)
         return found
 
-    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def stepped(self, theta: np.ndarray, change: np.ndarray, place: Places) -> np.ndarray:
         """Each as it steps alone."""
-        return np.concatenate([cause.stepped(theta[own], change[own]) for cause, own in self.parts])
+        return np.concatenate([cause.stepped(theta[own], change[own], at) for cause, own, at in self._placed(place)])
 
-    def room(self, theta: np.ndarray) -> np.ndarray:
+    def room(self, theta: np.ndarray, place: Places) -> np.ndarray:
         """Of each."""
-        return np.concatenate([cause.room(theta[own]) for cause, own in self.parts])
+        return np.concatenate([cause.room(theta[own], at) for cause, own, at in self._placed(place)])
 
     def near(self, scene: Scene, place: Places) -> Sequence[Places]:
         """One of both moved, unless it is one that lags."""

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim.laws.history import green_strain, largest, viscous
 from sim.laws.neo_hookean import NeoHookean
-from sim.recollection import Damaged, Passing, PassingDamage, Recollection
+from sim.recollection import Damaged, Passing, PassingSoftening, Recollection, SoftenedBelow
 from sim.sensitivity import Past
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, scaled
@@ -19,7 +20,8 @@ _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
 _BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a time constant, for a closer look
 _FURTHER = (0.25, *_BETWEEN, 4.0)  # of a scale, of which only two are scanned
 _SETTLING = 3.0  # time constants in a measurement
-_UPRIGHT = 8 / 9  # of the stiffness: with more damage stress would fall as strain grows (`sim.laws.history.damage`)
+# Of the stiffness: with more damage stress would fall as strain grows (`sim.laws.softening`); below the largest load
+_UPRIGHT = {"damage": 8 / 9, "soon": 0.69, "below": 0.999}  # it never does.
 
 
 class StiffnessDrift(Cause):
@@ -51,20 +53,21 @@ class StiffnessDrift(Cause):
 
 
 @dataclass(frozen=True)
-class Damage:
-    """How soon damage is done: I0, and whether by the exponential law."""
+class Mullins:
+    """How soon a material softens: I0, and by which law."""
 
     scale: float
-    soon: bool = False
+    law: str = "damage"
 
     @property
     def half(self) -> float:
-        """The shear energy at which half of it is done, over mu."""
-        return self.scale / 2 * (np.log(2) if self.soon else 1.0)
+        """The shear energy at which half of it is done, over mu; or that below the largest at which it is there."""
+        return self.scale / 2 * {"damage": 1.0, "soon": np.log(2), "below": np.arctanh(0.5)}[self.law]
 
 
 class Softening(Cause):
-    """psi becomes (1 - d D) psi, D = I / (I + I0), or 1 - exp(-I / I0), with I the largest so far (Mullins)."""
+    """psi becomes (1 - d D) psi, D = I / (I + I0), or 1 - exp(-I / I0), with I the largest so far (Mullins); or shear
+    stress falls by d tanh((I - I_now) / I0): below the largest load only."""
 
     name = "softening"
     sentence = "The material grew softer where it was strained before, and stays so."
@@ -72,53 +75,54 @@ class Softening(Cause):
     material = True
     follows = True
 
-    def places(self, scene: Scene) -> Sequence[Damage]:
-        """I0, shares of the 90th percentile over the object of the largest I before any refit; by both laws."""
+    def places(self, scene: Scene) -> Sequence[Mullins]:
+        """I0, shares of the 90th percentile over the object of the largest I before any refit; by all laws."""
         worst = max(float(np.quantile(strain_energy(scene).max(axis=0), 0.9)), 1e-9)
-        return [Damage(share * worst, soon) for soon in (False, True) for share in _SCALES]
+        return [Mullins(share * worst, law) for law in ("damage", "soon", "below") for share in _SCALES]
 
-    def near(self, scene: Scene, place: Damage) -> Sequence[Damage]:
-        """Scales in between and beyond; by the other law those at which about as much is done."""
-        other = Damage(place.scale * (0.5 if place.soon else 2.0), not place.soon)
-        return [replace(place, scale=place.scale * factor) for factor in _FURTHER] + [
-            replace(other, scale=other.scale * factor) for factor in (1.0, *_BETWEEN)
-        ]
+    def near(self, scene: Scene, place: Mullins) -> Sequence[Mullins]:
+        """Scales in between and beyond; by the other law of damage those at which about as much is done."""
+        scales = [replace(place, scale=place.scale * factor) for factor in _FURTHER]
+        if place.law == "below":
+            return scales
+        law, factor = ("damage", 0.5) if place.law == "soon" else ("soon", 2.0)
+        return scales + [Mullins(factor * place.scale * f, law) for f in (1.0, *_BETWEEN)]
 
-    def courses(self, scene: Scene, place: Damage) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: Mullins) -> Sequence[Course]:
         """Of scales."""
         return (lambda start, steps: replace(start, scale=scaled(start.scale, steps)),)
 
-    def measures(self, place: Damage) -> Sequence[Measure]:
+    def measures(self, place: Mullins) -> Sequence[Measure]:
         """The scale."""
         return (Measure("half_done_at", "of mu", place.half, scale=True),)
 
-    def stepped(self, theta: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def stepped(self, theta: np.ndarray, change: np.ndarray, place: Mullins) -> np.ndarray:
         """No further than stress rises with strain."""
-        return np.minimum(super().stepped(theta, change), _UPRIGHT)
+        return np.minimum(super().stepped(theta, change, place), _UPRIGHT[place.law])
 
-    def room(self, theta: np.ndarray) -> np.ndarray:
+    def room(self, theta: np.ndarray, place: Mullins) -> np.ndarray:
         """Up to there."""
-        return np.minimum(super().room(theta), (1 - theta) * np.log((1 - theta) / (1 - _UPRIGHT)))
+        return np.minimum(super().room(theta, place), (1 - theta) * np.log((1 - theta) / (1 - _UPRIGHT[place.law])))
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Damage) -> Change:
-        """The damage that the simulated motion has done so far."""
-        return Change(terms=self._damaged(scene, theta, place).terms())
+    def change(self, scene: Scene, theta: np.ndarray, place: Mullins) -> Change:
+        """What the simulated motion has softened so far."""
+        return Change(terms=self._softened(scene, theta, place).terms())
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: Damage) -> tuple[Past, ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: Mullins) -> tuple[Past, ...]:
         """The largest load."""
-        return (PassingDamage(self._damaged(scene, theta, place)),)
+        return (PassingSoftening(self._softened(scene, theta, place)),)
 
     @staticmethod
-    def _damaged(scene: Scene, theta: np.ndarray, place: Damage) -> Damaged:
-        return Damaged(
-            elastic=scene.energy.elastic, y=scene.y, F=scene.F, share=theta[0], scale=place.scale,
-            soon=place.soon,
-        )  # fmt: skip
+    def _softened(scene: Scene, theta: np.ndarray, place: Mullins) -> Damaged | SoftenedBelow:
+        what = SoftenedBelow if place.law == "below" else partial(Damaged, soon=place.law == "soon")
+        return what(elastic=scene.energy.elastic, y=scene.y, F=scene.F, share=theta[0], scale=place.scale)
 
-    def describe(self, scene: Scene, place: Damage) -> str:
+    def describe(self, scene: Scene, place: Mullins) -> str:
         """How much it takes."""
+        if place.law == "below":
+            return f"below the largest load only, half of it there at a shear energy {place.half:.2g} mu lower"
         done = f"half of it done at a shear energy of {place.half:.2g} mu"
-        return done + (", nineteen twentieths at four times that" if place.soon else "")
+        return done + (", nineteen twentieths at four times that" if place.law == "soon" else "")
 
 
 class Viscoelasticity(Cause):
