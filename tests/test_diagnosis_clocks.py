@@ -33,13 +33,32 @@ def test_a_clock_half_as_fast_meets_every_other_frame(pulsed, way):
     assert read(pulsed, ClockDrift(), -0.5, place)[::2] == pytest.approx(pulsed.forces[:5, 0, 0])
 
 
+@pytest.mark.parametrize(
+    ("lost", "expected"), [(-2, [0, 1, 2, 2.5, 2.5, 3, 4, 5, 6]), (2, [0, 1, 2, 5, 6, 7, 8, 9, 9])]
+)
+def test_a_clock_that_stops_is_late_from_then_on_and_one_that_jumps_early(lost, expected):
+    """Loads in proportion to time tell when they are of; after the last frame they go on by a frame at most."""
+    forces = np.arange(9.0)[:, None, None] * np.ones((1, 2, 3))
+    scene = SimpleNamespace(time=0.1 * np.arange(9), forces=forces, jet=None)
+    stops = [place for place in ClockDrift().places(scene) if place.since is not None]
+    assert all(0.1 < place.since < 0.8 for place in stops)
+    found = read(scene, ClockDrift(), lost / 8, next(p for p in stops if p.since == pytest.approx(0.25)))
+    assert found == pytest.approx(np.array(expected, float), abs=1e-9)
+
+
+def test_other_moments_at_which_a_clock_may_have_stopped_are_those_nearby(pulsed):
+    stops = [place for place in ClockDrift().places(pulsed) if place.since is not None]
+    near = ClockDrift().near(pulsed, stops[2])
+    assert near and all(0 < abs(place.since - stops[2].since) < 0.1001 for place in near)
+
+
 def test_one_way_never_goes_beyond_the_frames_and_one_is_smooth(pulsed):
     late = ForceTiming().places(pulsed)[:2]
     smooth, tight = (read(pulsed, ForceTiming(), 0.05, place) for place in late)
     assert tight.min() >= 0 and tight.max() <= 1
     assert smooth.min() < -0.01 and smooth.max() > 1.01
     assert ForceTiming().near(pulsed, late[0]) == ForceTiming().places(pulsed)[1:]
-    assert ClockDrift().near(pulsed, late[0]) == [late[1]]
+    assert ClockDrift().near(pulsed, late[0]) == ClockDrift().places(pulsed)[1:]
 
 
 @pytest.mark.parametrize("delay", [0.05, 0.2])

@@ -12,7 +12,7 @@ from test_diagnosis_other_loads import made
 from sim.terms.jet import jet_forces
 from veo_ti.diagnosis.causes.clocks import ForceTiming
 from veo_ti.diagnosis.causes.measurement import CameraScale
-from veo_ti.diagnosis.causes.other_loads import ForceDirection, ForceOffset
+from veo_ti.diagnosis.causes.other_loads import ForceDirection, ForceFootprint, ForceOffset
 
 
 @pytest.fixture
@@ -72,3 +72,14 @@ def test_a_scale_that_grows_is_half_of_it_half_way():
     seen = CameraScale().change(still, np.array([0.1, 0, 0, 0]), "with time").observe(y, np.arange(3))
     middle = x.mean(axis=0)
     assert seen == pytest.approx(middle + np.array([1, 1.05, 1.1])[:, None, None] * (y - middle))
+
+
+def test_a_wider_jet_is_as_strong_on_a_wall(scene):  # noqa: F811
+    """Against a jet of that width; each of its forces is another one."""
+    wider = replace(scene.jet, footprint=1.5 * scene.jet.footprint)
+    expected = jet_forces(wider, scene.cloud.x, scene.cloud.area)
+    found = made(scene, ForceFootprint(), [np.log(1.5)], None)
+    assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    assert np.abs(found - scene.forces).max() > 0.1 * np.abs(scene.forces).max()
+    assert ForceFootprint().untestable(scene) is None
+    assert "jet" in ForceFootprint().untestable(scene.under(scene.forces, None))

@@ -111,6 +111,8 @@ def test_a_jet_that_is_shifted_and_turned_is_one_jet(scene, place):  # noqa: F81
 
 @pytest.mark.parametrize(("law", "theta", "valve"), [
     ("saturation", -np.log(1 + 1.7), lambda s: (1 + 1.7) * s / (1 + 1.7 * s)), ("power", 0.4, lambda s: s**1.4),
+    ("dead", -np.log(1 - 0.5), lambda s: np.maximum(s - 0.5, 0) / (1 - 0.5)),
+    ("dead", -np.log(1 + 0.25), lambda s: (s > 0) * (s + 0.25) / (1 + 0.25)),
 ])  # fmt: skip
 def test_a_valve_changes_the_jet_however_much_of_it_the_object_meets(scene, law, theta, valve):  # noqa: F811
     """Against a jet of other strengths; by the total of each frame the same law is another one."""

@@ -26,7 +26,9 @@ def lopsided(rng: np.random.Generator, scene: Scene) -> Hidden:
 
         return model.with_part(Isotropic(density))
 
-    return Hidden(name="lopsided", start=0.5 / size, most=4 / size, goal=RAW, change=change, details={"sign": way})
+    return Hidden(
+        name="tension_compression", start=0.5 / size, most=4 / size, goal=RAW, change=change, details={"sign": way}
+    )  # fmt: skip
 
 
 def throttled_sweep(rng: np.random.Generator, scene: Scene) -> Hidden:
@@ -56,7 +58,7 @@ def wide_footprint(rng: np.random.Generator, scene: Scene) -> Hidden:
             model, lambda s: replace(s, footprint=factor * s.footprint, pressure=s.pressure / factor**2)
         )
 
-    return Hidden(name="wide_footprint", start=0.2, most=1.0, change=change, details={"sign": way})
+    return Hidden(name="force_footprint", start=0.2, most=1.0, change=change, details={"sign": way})
 
 
 def smoothing(rng: np.random.Generator, scene: Scene) -> Hidden:

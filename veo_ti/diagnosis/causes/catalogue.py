@@ -17,6 +17,7 @@ from veo_ti.diagnosis.causes.base import Cause
 CATALOGUE: tuple[Cause, ...] = (
     material.StrainStiffening(),
     material.VolumetricLaw(),
+    material.TensionCompression(),
     material.FibreAnisotropy(),
     history.Viscoelasticity(),
     history.PermanentSet(),
@@ -27,6 +28,7 @@ CATALOGUE: tuple[Cause, ...] = (
     geometry.AddedMass(),
     other_loads.ForceDirection(),
     other_loads.ForceOffset(),
+    other_loads.ForceFootprint(),
     other_loads.ForceMagnitude(),
     cases.LoadCase(),
     clocks.ForceTiming(),

@@ -15,13 +15,16 @@ from veo_ti.diagnosis.scene import Scene
 @dataclass(frozen=True)
 class Reading:
     """How the load goes on between frames: along a curve through them, as the jet that blows it or point by point;
-    filled: whether it follows as through a volume that fills, not as it was."""
+    filled: whether it follows as through a volume that fills, not as it was; since [s]: when a clock stopped, if not
+    all along."""
 
     way: type
     jet: bool
     filled: bool = False
+    since: float | None = None
 
 
+_STOPS = 8  # moments that are scanned for one at which a clock stopped
 # Gauss and Laguerre's rule for the mean of f(t - tau x) over exp(-x): what a volume that fills lets through.
 _DELAYS, _SHARES = np.polynomial.laguerre.laggauss(8)
 
@@ -40,7 +43,7 @@ class ByTheClock(OfTheJet):
             for way in (CubicSpline, PchipInterpolator)
         ]
 
-    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
+    def times(self, scene: Scene, theta: np.ndarray, place: Reading) -> np.ndarray:
         """When, by the nominal clock, the load of each frame comes, (T,) [s]."""
         raise NotImplementedError
 
@@ -48,7 +51,7 @@ class ByTheClock(OfTheJet):
         """The nominal history read at other times: before the first frame as in the reference pose, after the last one
         continued by at most a frame. A nozzle that jumps to another place does not swing."""
         delays, shares = (_DELAYS, _SHARES) if place.filled else (np.ones(1), np.ones(1))
-        late = self.times(scene, theta) - scene.time
+        late = self.times(scene, theta, place) - scene.time
         times = np.clip(scene.time + delays[:, None] * late, scene.time[0], 2 * scene.time[-1] - scene.time[-2])
 
         def read(values: np.ndarray, way: type = place.way) -> np.ndarray:
@@ -81,7 +84,7 @@ class ForceTiming(ByTheClock):
         late = super().places(scene)
         return [*late, *(replace(r, filled=True) for r in late if r.way is PchipInterpolator)]
 
-    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
+    def times(self, scene: Scene, theta: np.ndarray, place: Reading) -> np.ndarray:
         """All as much earlier as it comes late."""
         return scene.time - theta[0]
 
@@ -95,16 +98,40 @@ class ForceTiming(ByTheClock):
 
 
 class ClockDrift(ByTheClock):
-    """f(t) = f0(t + rate (t - t0))."""
+    """f(t) = f0(t + rate (t - t0)), or, where the clock stops at t1 (or frames are lost), f0(t + rate T) from then on,
+    not before f0(t1)."""
 
     name = "clock_drift"
-    sentence = "The clock of the cameras and that of the force run at different speeds."
+    sentence = "The clock of the cameras and that of the force do not run alike."
     parameters = (Parameter(name="rate", unit="-", sd=0.01),)
 
     def widths(self, scene: Scene) -> np.ndarray:
         """About one frame over the whole measurement."""
         return np.array([float(np.median(np.diff(scene.time)) / np.ptp(scene.time))])
 
-    def times(self, scene: Scene, theta: np.ndarray) -> np.ndarray:
-        """Ever farther off."""
-        return scene.time + theta[0] * (scene.time - scene.time[0])
+    def places(self, scene: Scene) -> Sequence[Reading]:
+        """All along; or from some moment on, half-way between two frames, where it stopped."""
+        along = super().places(scene)
+        between = (scene.time[1:-1] + scene.time[2:]) / 2
+        stops = between[np.linspace(0, len(between) - 1, min(_STOPS + 2, len(between))).astype(int)][1:-1]
+        tight = next(r for r in along if r.way is PchipInterpolator)
+        return [*along, *(replace(tight, since=float(t)) for t in stops)]
+
+    def near(self, scene: Scene, place: Reading) -> Sequence[Reading]:
+        """Other moments nearby."""
+        if place.since is None:
+            return super().near(scene, place)
+        others = ((scene.time[1:-1] + scene.time[2:]) / 2).tolist()
+        reach = np.ptp(scene.time) / _STOPS
+        return [replace(place, since=t) for t in others if 0 < abs(t - place.since) < reach]
+
+    def times(self, scene: Scene, theta: np.ndarray, place: Reading) -> np.ndarray:
+        """Ever farther off, or as far from some moment on."""
+        if place.since is None:
+            return scene.time + theta[0] * (scene.time - scene.time[0])
+        off = np.maximum(scene.time + theta[0] * np.ptp(scene.time), place.since)
+        return np.where(scene.time < place.since, scene.time, off)
+
+    def describe(self, scene: Scene, place: Reading) -> str:
+        """Where it stopped."""
+        return "" if place.since is None else f"all at once, {place.since - scene.time[0]:.3g} s after the first frame"

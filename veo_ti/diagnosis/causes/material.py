@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.laws import extra as laws
 from sim.laws.extra import Fibre, GentStiffening, VolumetricChange, YeohStiffening
 from sim.terms.material import ExtraLaw
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
@@ -104,6 +105,24 @@ class VolumetricLaw(Cause):
         """The same share everywhere."""
         lam = scene.energy.elastic.m[:, 1]
         return extra(scene, VolumetricChange, np.stack([lam, np.full_like(lam, theta[0])], axis=1))
+
+
+class TensionCompression(Cause):
+    """psi += mu alpha / 3 (tr E)^3, E the Green strain."""
+
+    name = "tension_compression"
+    sentence = "The material is stiffer where it is pulled than where it is pressed, or the reverse, as foams are."
+    parameters = (Parameter(name="alpha", unit="-", sd=5.0),)
+    material = True
+
+    def widths(self, scene: Scene) -> np.ndarray:
+        """A modulus that is another one by half where the strain is among the largest twentieth."""
+        size = np.abs((scene.F**2).sum(axis=(2, 3)) - 3) / 2
+        return np.array([0.5 / max(float(np.quantile(size, 0.95)), 1e-6)])
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+        """The same alpha everywhere."""
+        return extra(scene, laws.TensionCompression, np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1))
 
 
 class FibreAnisotropy(Cause):

@@ -16,6 +16,8 @@ from veo_ti.diagnosis.scene import Scene
 
 _SEVERAL = 0.1  # of a unit vector: jets whose directions differ by less blow from one side
 _UPRIGHT = 0.05  # sine of the angle to the vertical, below which a jet blows up or down, and has no side
+_STRENGTHS = {"power": "a power of its strength", "saturation": "a saturation", "dead": "a dead zone"}
+_WIDER = 2.0  # of the logarithm of a jet's width: beyond it nothing changes any more
 _ALL = 1.2  # of a load; more than all of it turns only as far as the simulation itself is off
 
 
@@ -120,6 +122,28 @@ class ForceOffset(OtherLoads):
         return "by the nozzle's own axes (right, up, ahead)" if place == "own" else ""
 
 
+class ForceFootprint(OtherLoads):
+    """sigma = sigma0 exp(w), at the same force on a wall."""
+
+    name = "force_footprint"
+    sentence = "The jet is wider (or narrower) than it was said to be."
+    parameters = (Parameter(name="log_width", unit="-", sd=0.3),)
+    rank = 1
+
+    def untestable(self, scene: Scene) -> str | None:
+        """Only of a jet."""
+        known = scene.jet is not None
+        return super().untestable(scene) or (None if known else "it is not known where a jet blows from")
+
+    def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
+        """By a jet of another width."""
+        if scene.jet is None:  # as in an experiment that nobody has made yet
+            return scene.forces, None
+        width = scene.jet.footprint * float(np.exp(np.clip(theta[0], -_WIDER, _WIDER)))
+        wider = replace(scene.jet, footprint=width)
+        return scene.reblown(wider), wider
+
+
 class OfTheJet(OtherLoads):
     """Other loads by one of several laws, of the jet or of the forces: places have a `jet` that says of which."""
 
@@ -130,14 +154,16 @@ class OfTheJet(OtherLoads):
 
 @dataclass(frozen=True)
 class Strength:
-    """How a force is not proportional: by a power of its strength or by a saturation; of the jet's, or of the total."""
+    """How a force is not proportional: by a power of its strength, a saturation or a dead zone; of the jet's, or of the
+    total."""
 
     law: str
     jet: bool
 
 
 class ForceMagnitude(OfTheJet):
-    """f = f0 s^n, or f0 / (s + (1 - s) exp(n)), which saturates; s = F / F_max, F of the jet or a frame's total."""
+    """f = f0 s^n, or f0 / (s + (1 - s) exp(n)), which saturates, or f0 <1 - (1 - s) exp(n)> / s, of which weak ones
+    are nothing; s = F / F_max, F of the jet or a frame's total."""
 
     name = "force_magnitude"
     sentence = "The force is not proportional to its nominal strength: weak ones or strong ones are off."
@@ -151,10 +177,10 @@ class ForceMagnitude(OfTheJet):
         return None
 
     def places(self, scene: Scene) -> Sequence[Strength]:
-        """A power is off most where the force is weak, a saturation also where it is strong. A valve does it to the
-        jet, however much of that the object meets."""
+        """A power is off most where the force is weak, a saturation also where it is strong, a dead zone by as much
+        wherever it is. A valve does it to the jet, however much of that the object meets."""
         whose = (True, False) if scene.jet is not None and scene.jet.force.any() else (False,)
-        return [Strength(law, jet) for jet in whose for law in ("power", "saturation")]
+        return [Strength(law, jet) for jet in whose for law in _STRENGTHS]
 
     def laws(self, scene: Scene) -> Sequence[Strength]:
         """All."""
@@ -164,16 +190,18 @@ class ForceMagnitude(OfTheJet):
         """Scaled frame by frame."""
         force = scene.jet.force if place.jet else scene.total_force
         share = np.maximum(force / force.max(), 0.0)
+        weaker = (1 - share) * np.exp(theta[0])
         if place.law == "power":
             factor = np.maximum(share, 1e-3) ** theta[0]
+        elif place.law == "saturation":
+            factor = 1 / (share + weaker)
         else:
-            factor = 1 / (share + (1 - share) * np.exp(theta[0]))
+            factor = np.maximum(1 - weaker, 0.0) / np.maximum(share, 1e-3)
         return np.where(share > 0, factor, 1.0)[:, None, None] * scene.forces, scene.jet
 
     def describe(self, scene: Scene, place: Strength) -> str:
         """By which law."""
-        what = "a power of its strength" if place.law == "power" else "a saturation"
-        return f"by {what}" + (" of the jet" if place.jet else "")
+        return f"by {_STRENGTHS[place.law]}" + (" of the jet" if place.jet else "")
 
 
 class FollowerLoad(OtherLoads):
