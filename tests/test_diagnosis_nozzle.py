@@ -1,7 +1,6 @@
 """What is off by the nozzle's own axes, and what is off in the room: the same in one sweep, two things in several."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from test_diagnosis_other_loads import made
 
 from sim.terms.jet import jet_forces
 from veo_ti.diagnosis.causes.clocks import ForceTiming
-from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.causes.other_loads import ForceDirection, ForceFootprint, ForceOffset
 
 
@@ -63,15 +61,6 @@ def test_a_valve_fills_the_jet_where_its_nozzle_is(sides):
     found, jet = ForceTiming().loads(sides, np.array([0.07]), filled)
     assert jet.position is sides.jet.position and jet.direction is sides.jet.direction
     assert found == pytest.approx(jet_forces(jet, sides.cloud.x, sides.cloud.area), abs=1e-6 * np.abs(found).max())
-
-
-def test_a_scale_that_grows_is_half_of_it_half_way():
-    x, time = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]]), np.array([0.0, 1.0, 2.0])
-    still = SimpleNamespace(cloud=SimpleNamespace(x=x), time=time, moving=(time > 0)[:, None, None])
-    y = np.repeat(x[None], 3, axis=0)
-    seen = CameraScale().change(still, np.array([0.1, 0, 0, 0]), "with time").observe(y, np.arange(3))
-    middle = x.mean(axis=0)
-    assert seen == pytest.approx(middle + np.array([1, 1.05, 1.1])[:, None, None] * (y - middle))
 
 
 def test_a_wider_jet_is_as_strong_on_a_wall(scene):  # noqa: F811

@@ -24,7 +24,9 @@ from veo_ti.diagnosis.way import Reached, Way
 STRONG = {Viscoelasticity: 2.0, PermanentSet: 0.4, Softening: 0.7}
 
 
-@pytest.mark.parametrize(("cause", "which"), [*((make(), 0) for make in STRONG), (Softening(), -1)])
+@pytest.mark.parametrize(
+    ("cause", "which"), [*((make(), 0) for make in STRONG), (Softening(), -1), (PermanentSet(), -1)]
+)
 def test_motion_is_the_one_that_its_own_history_leads_to(cause, which, scene, model):  # noqa: F811
     """One more round, solved tightly, leaves it where it is, to a tenth of the noise."""
     scene = replace(scene, target=replace(scene.target, sigma=NOISE))

@@ -108,6 +108,17 @@ def test_largest_of_two_directions_is_that_of_the_larger_strain():
     assert np.abs(got - large).max() < 1e-3 * np.abs(large).max()
 
 
+def test_beyond_a_yield_strain_what_stays_is_the_largest_strain_less_that():
+    sizes = np.array([0.0, 0.05, 0.2, 0.5, 0.3, 0.0, 0.1])
+    way = pattern(5) / np.linalg.norm(pattern(5), axis=(1, 2), keepdims=True)
+    E = sizes[:, None, None, None] * way
+    for yields in (0.0, 0.1, 0.6):
+        memory = largest(E, yields)
+        got = memory.own * E + memory.past(E)
+        expected = np.maximum(np.maximum.accumulate(sizes) - yields, 0)[:, None, None, None] * way
+        assert np.abs(got - expected).max() < 1e-3 * np.abs(E).max()
+
+
 def stretched(s: np.ndarray) -> np.ndarray:
     """Turned uniaxial stretches s (T,) at J = 1, two points of which the second stands still, (T, 2, 3, 3)."""
     F = np.array([np.diag([v, v**-0.5, v**-0.5]) for v in s])

@@ -55,8 +55,8 @@ def viscous(time: np.ndarray, tau: float) -> Memory:
     return Memory(own=own, decay=decay, share=decay * np.concatenate([[0.0], own[:-1]]) + (mean - decay))
 
 
-def largest(E: np.ndarray) -> Memory:
-    """The largest strain so far, of E (T, N, 3, 3).
+def largest(E: np.ndarray, beyond: float = 0.0) -> Memory:
+    """The largest strain so far, of E (T, N, 3, 3), or the share of it by which its size is beyond a yield strain.
 
     Strains are weighted by a high power of their size, so that two of about the same size do not take turns.
     """
@@ -69,6 +69,8 @@ def largest(E: np.ndarray) -> Memory:
     scale = most / np.maximum(total, most)
     before = np.concatenate([np.ones_like(scale[:1]), scale[:-1]])
     earlier = np.concatenate([np.zeros_like(size[:1]), size[:-1]])
+    yielded, earlier_too = (np.maximum(1 - beyond / np.maximum(s, 1e-300), 0.0) for s in (size, earlier))
     return Memory(
-        own=scale * (size / most) ** _SHARP, decay=scale / before * fade, share=scale * (earlier / most) ** _SHARP
-    )
+        own=scale * (size / most) ** _SHARP * yielded, decay=scale / before * fade,
+        share=scale * (earlier / most) ** _SHARP * earlier_too,
+    )  # fmt: skip

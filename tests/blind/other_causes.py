@@ -94,7 +94,7 @@ def knocked_camera(rng: np.random.Generator, scene: Scene) -> Hidden:
         return show
 
     return Hidden(
-        name="knocked_camera", start=0.01, most=0.1, change=lambda model, a: model.with_view(view(a)),
+        name="camera_pose", start=0.01, most=0.1, change=lambda model, a: model.with_view(view(a)),
         details={"axis": axis.tolist(), "since": since},
     )  # fmt: skip
 

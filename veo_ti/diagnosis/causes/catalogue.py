@@ -41,6 +41,7 @@ CATALOGUE: tuple[Cause, ...] = (
     surroundings.Prestress(),
     loads.GravityDirection(),
     measurement.CameraScale(),
+    measurement.CameraPose(),
     measurement.CorrespondenceSlip(),
     measurement.TemporalSmoothing(),
     clocks.ClockDrift(),

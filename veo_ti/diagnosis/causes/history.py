@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from veo_ti.diagnosis.scene import Scene
 
 _SCALES = (0.2, 1.0)  # of the largest loads, at which half the damage is done
 _BETWEEN = (0.5, 0.7, 1.4, 2.0)  # of a time constant, for a closer look
+_YIELDS = (0.0, 0.2, 0.5)  # of the largest strains
 _FURTHER = (0.25, *_BETWEEN, 4.0)  # of a scale, of which only two are scanned
 _SETTLING = 3.0  # time constants in a measurement
 # Of the stiffness: with more damage stress would fall as strain grows (`sim.laws.softening`); below the largest load
@@ -168,7 +168,7 @@ class Viscoelasticity(Cause):
 
 
 class PermanentSet(Cause):
-    """S -= 2 mu s E*, with E* the largest strain so far."""
+    """S -= 2 mu s <1 - e0 / |E*|> E*, with E* the largest strain so far; the yield strain e0 may be none."""
 
     name = "permanent_set"
     sentence = "Part of the largest deformation so far stays when the load is gone."
@@ -176,13 +176,34 @@ class PermanentSet(Cause):
     material = True
     follows = True
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def places(self, scene: Scene) -> Sequence[float]:
+        """No yield strain; or a share of the largest strains."""
+        size = np.linalg.norm(green_strain(scene.F), axis=(2, 3)).max(axis=0)
+        return [share * float(np.quantile(size, 0.9)) for share in _YIELDS]
+
+    def near(self, scene: Scene, place: float) -> Sequence[float]:
+        """Strains in between, or none."""
+        return [place * factor for factor in _BETWEEN] + [0.0] if place else self.places(scene)[1:]
+
+    def courses(self, scene: Scene, place: float) -> Sequence[Course]:
+        """Of yield strains."""
+        return (scaled,) if place else ()
+
+    def measures(self, place: float) -> Sequence[Measure]:
+        """The yield strain."""
+        return (Measure("yield_strain", "-", place, scale=True),) if place else ()
+
+    def change(self, scene: Scene, theta: np.ndarray, place: float) -> Change:
         """An unstressed strain that follows the largest strain each point has seen, the one of the frame itself too."""
-        return Change(terms=self._strain(scene).terms(theta[0] * scene.mu))
+        return Change(terms=self._strain(scene, place).terms(theta[0] * scene.mu))
 
-    def remembered(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[Past, ...]:
+    def remembered(self, scene: Scene, theta: np.ndarray, place: float) -> tuple[Past, ...]:
         """The largest strain."""
-        return (Passing(self._strain(scene), theta[0] * scene.mu),)
+        return (Passing(self._strain(scene, place), theta[0] * scene.mu),)
 
-    def _strain(self, scene: Scene) -> Recollection:
-        return scene.recollection(self.name, lambda: largest(green_strain(scene.F)))
+    def _strain(self, scene: Scene, place: float) -> Recollection:
+        return scene.recollection((self.name, place), lambda: largest(green_strain(scene.F), place))
+
+    def describe(self, scene: Scene, place: float) -> str:
+        """What it takes."""
+        return f"beyond a strain of {place:.2g}" if place else ""

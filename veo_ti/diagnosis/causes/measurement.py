@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
+
+_KNOCKS = 12  # moments that are scanned for one at which a camera was knocked at
 
 
 class CameraScale(Cause):
@@ -44,6 +47,38 @@ class CameraScale(Cause):
     def describe(self, scene: Scene, place: str) -> str:
         """Since when."""
         return "more and more, up to the last frame" if place == "with time" else "since the reference frame"
+
+
+class CameraPose(Cause):
+    """y_seen = y + R(w) (y - c) - (y - c) + d from a frame on, c the middle of the rest shape."""
+
+    name = "camera_pose"
+    sentence = "From some moment on the cameras stand otherwise: everything is seen turned and shifted."
+    exact = True
+    parameters = (
+        *(Parameter(name=f"turn_{a}", unit="rad", sd=0.02) for a in "xyz"),
+        *(Parameter(name=f"shift_{a}", unit="m", sd=3e-3) for a in "xyz"),
+    )
+
+    def places(self, scene: Scene) -> Sequence[int]:
+        """Frames, evenly; from the first one after the reference pose on, that was seen otherwise."""
+        count = len(scene.time) - 1
+        return (1 + np.linspace(0, count - 1, min(_KNOCKS, count)).astype(int)).tolist()
+
+    def near(self, scene: Scene, place: int) -> Sequence[int]:
+        """Frames in between."""
+        step = len(scene.time) // _KNOCKS + 1
+        return [t for t in range(max(1, place - step), min(len(scene.time), place + step + 1)) if t != place]
+
+    def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
+        """Rigidly."""
+        middle, turn = scene.cloud.x.mean(axis=0), Rotation.from_rotvec(theta[:3]).as_matrix() - np.eye(3)
+        late = (np.arange(len(scene.time)) >= place)[:, None, None]
+        return Change(observe=lambda y, frames: y + late[frames] * ((y - middle) @ turn.T + theta[3:]))
+
+    def describe(self, scene: Scene, place: int) -> str:
+        """Since when."""
+        return f"from frame {place} on"
 
 
 class CorrespondenceSlip(Cause):
