@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
 from veo_ti.diagnosis.scene import Scene
 
-_KNOCKS = 12  # moments that are scanned for one at which a camera was knocked at
+_KNOCKS = 12  # moments that are scanned for one at which a camera was knocked at;
+_UNKNOCKED = 1 / 8  # of all frames, that are before and after it: what is there all the time is another thing
 
 
 class CameraScale(Cause):
@@ -55,20 +56,25 @@ class CameraPose(Cause):
     name = "camera_pose"
     sentence = "From some moment on the cameras stand otherwise: everything is seen turned and shifted."
     exact = True
+    over_time = "since when"
     parameters = (
         *(Parameter(name=f"turn_{a}", unit="rad", sd=0.02) for a in "xyz"),
         *(Parameter(name=f"shift_{a}", unit="m", sd=3e-3) for a in "xyz"),
     )
 
     def places(self, scene: Scene) -> Sequence[int]:
-        """Frames, evenly; from the first one after the reference pose on, that was seen otherwise."""
-        count = len(scene.time) - 1
-        return (1 + np.linspace(0, count - 1, min(_KNOCKS, count)).astype(int)).tolist()
+        """Frames, evenly."""
+        every = self._every(scene)
+        return [every[i] for i in np.unique(np.linspace(0, len(every) - 1, _KNOCKS).astype(int))]
 
     def near(self, scene: Scene, place: int) -> Sequence[int]:
         """Frames in between."""
-        step = len(scene.time) // _KNOCKS + 1
-        return [t for t in range(max(1, place - step), min(len(scene.time), place + step + 1)) if t != place]
+        return [t for t in self._every(scene) if 0 < abs(t - place) <= len(scene.time) // _KNOCKS]
+
+    @staticmethod
+    def _every(scene: Scene) -> range:
+        least = 1 + int(_UNKNOCKED * len(scene.time))
+        return range(least, max(least, len(scene.time) - least) + 1)
 
     def change(self, scene: Scene, theta: np.ndarray, place: int) -> Change:
         """Rigidly."""
