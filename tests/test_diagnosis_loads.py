@@ -68,3 +68,13 @@ def test_nothing_tells_a_tilt_from_a_level_force_or_where_gravity_is_not_known()
 
 def test_only_a_cause_with_a_law_is_lawful():
     assert GravityDirection().lawful and not HiddenForce().lawful
+
+
+def test_a_tilt_that_grows_is_half_of_it_half_way():
+    filmed = SimpleNamespace(time=np.array([1.0, 2.0, 3.0]), moving=np.array([0.0, 1.0, 1.0])[:, None, None],
+                             mass=np.array([1.0, 2.0]))  # fmt: skip
+    theta = np.array([1.0, -2.0, 0.5])
+    for place, share in zip(GravityDirection().places(filmed), ([0, 1, 1], [0, 0.5, 1]), strict=True):
+        (term,) = GravityDirection().change(filmed, theta, place).terms
+        assert term.force == pytest.approx(np.einsum("t,n,a->tna", share, filmed.mass, theta))
+        assert GravityDirection().near(filmed, place) == [p for p in GravityDirection().places(filmed) if p != place]

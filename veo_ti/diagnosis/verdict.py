@@ -26,7 +26,7 @@ ENDED = 0.05  # of the cost, at most, is still promised
 CHANCE = 0.05  # of alike causes, by which all but one would look like that one by coincidence: it is that one
 TOGETHER = 0.9  # share that a named cause must explain: of what is wrong, or of what the first one leaves; and
 BOTH = 0.96  # two together, where none of them does alone: two can imitate more than one; and
-CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left, and
+CLEAR = 20.0  # standard deviations of misfit, beyond which no more than half as much may be left, of two an eighth, and
 LITTLE = 0.02  # no more than this share where nothing explains it
 TESTABLE = 0.05  # share of a fingerprint that the nuisances must leave for the cause to be told by it, and
 SURVIVES = 0.5  # in the shadow of one that explains most
@@ -49,6 +49,7 @@ class Candidate:
     certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
     visible: bool = True  # what is left is more than the simulation's own error beside the cause may be
+    coarse: bool = False  # it is no more than that of points too few for the body may be
 
     @property
     def able(self) -> bool:
@@ -72,8 +73,8 @@ class Candidate:
 
     @property
     def clear(self) -> bool:
-        """Whether clear misfit stays that does not go on like noise."""
-        return self.misfit.z > CLEAR and not self.like_noise
+        """Whether clear misfit stays that does not go on like noise, nor may come of too few points."""
+        return self.misfit.z > CLEAR and not (self.like_noise or self.coarse)
 
     @property
     def name(self) -> str:
@@ -192,8 +193,7 @@ def lawful_up_to(alike: Iterable[Candidate]) -> float:
 
 def either(causes: Sequence[Candidate]) -> Verdict:
     """Each of several causes would do."""
-    names = ", ".join(c.name for c in causes)
-    sentence = f"This measurement cannot tell these causes apart: {names}."
+    sentence = "This measurement cannot tell these causes apart: " + ", ".join(c.name for c in causes) + "."
     return Verdict(kind="ambiguous", causes=tuple(causes), sentence=sentence)
 
 
@@ -212,10 +212,10 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named: all but noise
     that neighbours share, or nearly all."""
-    if causes[-1].like_noise:
-        return True
-    may_leave = 1 - (TOGETHER if len(causes) == 1 else BOTH)
-    return 1 - explained_by(causes) <= (may_leave / 2 if causes[-1].misfit.z > CLEAR else may_leave)
+    last, left = causes[-1], 1 - explained_by(causes)
+    if len(causes) == 1:
+        return last.like_noise or left <= (1 - TOGETHER) / (2 if last.clear else 1)
+    return last.like_noise or left <= (1 - BOTH) / (8 if last.misfit.z > CLEAR else 1)
 
 
 def doubtful(candidate: Candidate) -> bool:

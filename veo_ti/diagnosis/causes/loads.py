@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -99,7 +98,28 @@ class HiddenTether(AtSpot):
         return Change(terms=(Handles(points=held, targets=scene.cloud.x[None, held], alpha=0.5 * theta[0] * w[held]),))
 
 
-class GravityDirection(Cause):
+class Growing(Cause):
+    """A cause that is absent in the reference pose, and there at once after it, or more and more."""
+
+    def places(self, scene: Scene) -> Sequence[str]:
+        """At once, or with time."""
+        return ("at once", "with time")
+
+    def near(self, scene: Scene, place: str) -> Sequence[str]:
+        """The other one."""
+        return [other for other in self.places(scene) if other != place]
+
+    def grown(self, scene: Scene, place: str) -> np.ndarray:
+        """How much of it is there, (T, 1, 1): one after the reference frame, or t / T."""
+        time = scene.time - scene.time[0]
+        return (time / time[-1])[:, None, None] if place == "with time" else scene.moving
+
+    def describe(self, scene: Scene, place: str) -> str:
+        """Since when."""
+        return "more and more, up to the last frame" if place == "with time" else "since the reference frame"
+
+
+class GravityDirection(Growing):
     """f_i = m_i a, absent in the reference pose; |g + a| = |g| where the measurement says what gravity g is."""
 
     name = "gravity_direction"
@@ -108,9 +128,9 @@ class GravityDirection(Cause):
     parameters = tuple(Parameter(name=f"change_{a}", unit="m/s2", sd=1.0) for a in "xyz")
     needs_mass = True
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
         """A change of gravity after the reference frame."""
-        return added(scene.moving * scene.mass[:, None] * theta)
+        return added(self.grown(scene, place) * scene.mass[:, None] * theta)
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""

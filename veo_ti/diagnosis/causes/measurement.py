@@ -8,13 +8,14 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.loads import Growing
 from veo_ti.diagnosis.scene import Scene
 
 _KNOCKS = 12  # moments that are scanned for one at which a camera was knocked at;
 _UNKNOCKED = 1 / 8  # of all frames, that are before and after it: what is there all the time is another thing
 
 
-class CameraScale(Cause):
+class CameraScale(Growing):
     """y_seen = c + (1 + s w)(y - c) about any point c, `y + w (s (y - middle) + d)`, w one after the reference frame or
     t / T, as of a lens that warms up."""
 
@@ -30,24 +31,10 @@ class CameraScale(Cause):
         """A hundredth; of a scale about a point as far from the middle as the object is long."""
         return 0.01 * np.array([1.0, *[float(np.ptp(scene.cloud.x, axis=0).max())] * 3])
 
-    def places(self, scene: Scene) -> Sequence[str]:
-        """At once, or with time."""
-        return ("at once", "with time")
-
-    def near(self, scene: Scene, place: str) -> Sequence[str]:
-        """The other one."""
-        return [other for other in self.places(scene) if other != place]
-
     def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
         """Everything grows about the middle of the rest shape, and shifts: nobody knows about which point it grew."""
-        middle, w = scene.cloud.x.mean(axis=0), scene.moving
-        if place == "with time":
-            w = ((scene.time - scene.time[0]) / np.ptp(scene.time))[:, None, None]
+        middle, w = scene.cloud.x.mean(axis=0), self.grown(scene, place)
         return Change(observe=lambda y, frames: y + w[frames] * (theta[0] * (y - middle) + theta[1:]))
-
-    def describe(self, scene: Scene, place: str) -> str:
-        """Since when."""
-        return "more and more, up to the last frame" if place == "with time" else "since the reference frame"
 
 
 class CameraPose(Cause):
