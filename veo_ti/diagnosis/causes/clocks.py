@@ -118,12 +118,15 @@ class ClockDrift(ByTheClock):
         return [*along, *(replace(tight, since=float(t)) for t in stops)]
 
     def near(self, scene: Scene, place: Reading) -> Sequence[Reading]:
-        """Other moments nearby."""
+        """Other moments nearby, and the other course."""
         if place.since is None:
             return super().near(scene, place)
         others = ((scene.time[1:-1] + scene.time[2:]) / 2).tolist()
-        reach = np.ptp(scene.time) / _STOPS
-        return [replace(place, since=t) for t in others if 0 < abs(t - place.since) < reach]
+        reach, smooth = 1.5 * np.ptp(scene.time) / _STOPS, replace(place, way=CubicSpline)
+        tight = replace(place, way=PchipInterpolator)
+        moments = [t for t in others if abs(t - place.since) < reach]
+        every = [replace(way, since=t) for way in (smooth, tight) for t in moments]
+        return [other for other in every if other != place]
 
     def times(self, scene: Scene, theta: np.ndarray, place: Reading) -> np.ndarray:
         """Ever farther off, or as far from some moment on."""
