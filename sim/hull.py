@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
+from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward for a positively oriented tetrahedron
 _ALPHA = 1.25  # largest circumradius over neighbour distance: a cubic cell has 0.87, a gap of two and a half 1.25
+_FILLED = 1.03, 1.5  # times the points' own volume, between which the hull's says that it closes gaps
+_SOLID = 0.3  # of a tetrahedron, by which the points' volumes must speak against it, or for it alone
 _NOTHING = 1e-9  # of the largest: where the faces around a point cancel, it has no outside
 
 
@@ -29,6 +34,35 @@ class Hull:
         tets[swap, :2] = tets[swap, 1::-1]
         tets = tets[_circumradii(x, tets) < _ALPHA * reach[tets].mean(axis=1)]
         return cls(tetrahedra=tets, faces=_boundary(tets))
+
+    def carved(self, x: np.ndarray, volume: np.ndarray, surface: np.ndarray) -> "Hull":
+        """Without the gaps that it closes, by the volumes (N,) [m3] that the points x have and which of them are on the
+        surface (N,) bool; itself where it closes none.
+
+        A gap as wide as the points are apart is a cell like any other, but all its corners lie on the surface, and it
+        is in no point's volume. Of such tetrahedra those go that least squares of the volumes leave out, together with
+        most of those beside them: a corner of the body alone, whose shares differ from its points', stays.
+        """
+        every = self.volume(x)
+        alone = np.flatnonzero(surface[self.tetrahedra].all(axis=1))
+        if not (_FILLED[0] < every.sum() / volume.sum() < _FILLED[1] and len(alone) < len(self.tetrahedra)):
+            return self
+        tets, cell, count = self.tetrahedra[alone], np.median(volume), len(alone)
+        size, beside = _volumes(x, tets), _beside(tets)
+        shares = csr_matrix((np.repeat(size / 4, 4), (tets.ravel(), np.repeat(np.arange(count), 4))), (len(x), count))
+        wanted = volume - every + np.asarray(shares.sum(axis=1)).ravel()
+        asked, solid = np.unique(tets), _SOLID * size
+        tied = _SOLID * size[beside].min(axis=1)
+        ends = np.repeat(np.arange(len(beside)), 2), beside.ravel()
+        alike = csr_matrix((np.outer(tied, [1, -1]).ravel(), ends), (len(beside), count))
+        left = vstack([shares[asked], diags(solid), alike]).tocsr() / cell
+        there = lsq_linear(left, np.concatenate([wanted[asked], solid, 0 * tied]) / cell, bounds=(0, 1)).x
+        gone = there < 0.5
+        both = beside[gone[beside].all(axis=1)].T
+        gap = connected_components(csr_matrix((np.ones(both.shape[1]), both), (count, count)), directed=False)[1]
+        gone &= np.bincount(gap, size * gone)[gap] > cell
+        kept = np.delete(self.tetrahedra, alone[gone], axis=0)
+        return Hull(tetrahedra=kept, faces=_boundary(kept))
 
     def volume(self, x: np.ndarray) -> np.ndarray:
         """A quarter of the tetrahedra around each point, at positions x (N, 3): (N,) [m3]."""
@@ -95,3 +129,11 @@ def _boundary(tets: np.ndarray) -> np.ndarray:
     faces = tets[:, _FACES].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     return faces[first[count == 1]]
+
+
+def _beside(tets: np.ndarray) -> np.ndarray:
+    """Pairs (M, 2) of tetrahedra that share a face."""
+    faces = np.sort(tets[:, _FACES].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (np.diff(faces[order], axis=0) == 0).all(axis=1)
+    return np.stack([order[:-1][same], order[1:][same]], axis=1) // 4

@@ -147,6 +147,43 @@ def test_given_volumes_and_surface_are_taken():
     assert RestCloud.build(x, volume=0.7).volume.sum() == pytest.approx(0.7, rel=1e-12)
 
 
+def forked(jitter: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices of unit cells that fill a body with two ears a cell apart, their volumes, and their outward normals."""
+    cells = np.ones((7, 4, 7), bool)
+    cells[3, :, 3:] = False
+    volume, outward = np.zeros((8, 5, 8)), np.zeros((8, 5, 8, 3))
+    for corner in np.ndindex(2, 2, 2):
+        at = tuple(slice(c, c + n) for c, n in zip(corner, cells.shape, strict=True))
+        volume[at] += cells / 8
+        outward[at] += cells[..., None] * (2 * np.array(corner) - 1)
+    there = volume > 0
+    x = np.argwhere(there) + jitter * np.random.default_rng(2).uniform(-1, 1, (there.sum(), 3))
+    size = np.linalg.norm(outward[there], axis=1, keepdims=True)
+    return x, volume[there], np.divide(outward[there], size, out=0 * outward[there], where=size > 0)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+def test_a_gap_as_wide_as_points_are_apart_is_told_by_their_volumes(jitter):
+    x, volume, normals = forked(jitter)
+    surface = normals.any(axis=1)
+    closed, carved = (RestCloud.build(x, volume=v, surface=surface) for v in (volume.sum(), volume))
+    walls = (x[:, 0] > 2.5) & (x[:, 0] < 4.5) & (x[:, 2] > 3.5)
+    before, after = ((cloud.normals * normals)[walls].sum(axis=1) for cloud in (closed, carved))
+    assert np.mean(before < 0.5) > 0.4 and np.mean(after < 0.5) < 0.2
+    assert (1 - after**2).mean() < 0.5 * (1 - before**2).mean()  # of what slides along them
+    assert closed.hull.volume(x).sum() > 1.05 * volume.sum()
+    assert carved.hull.volume(x).sum() == pytest.approx(volume.sum(), rel=0.03)
+
+
+def test_a_body_without_gaps_is_left_as_it_is():
+    x, volume, normals = forked(0.1)
+    left = x[:, 0] < 3.5
+    half = RestCloud.build(x[left])
+    assert half.hull.carved(x[left], half.volume, normals[left].any(axis=1)) is half.hull
+    everything = np.ones(len(x), bool)  # a shell tells nothing of what is inside
+    assert (closed := RestCloud.build(x)).hull.carved(x, volume, everything) is closed.hull
+
+
 def test_coinciding_points_are_named():
     x = sim_cases.points().copy()
     x[[20, 31]] = x[7]
