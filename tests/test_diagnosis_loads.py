@@ -70,11 +70,21 @@ def test_only_a_cause_with_a_law_is_lawful():
     assert GravityDirection().lawful and not HiddenForce().lawful
 
 
-def test_a_tilt_that_grows_is_half_of_it_half_way():
-    filmed = SimpleNamespace(time=np.array([1.0, 2.0, 3.0]), moving=np.array([0.0, 1.0, 1.0])[:, None, None],
-                             mass=np.array([1.0, 2.0]))  # fmt: skip
-    theta = np.array([1.0, -2.0, 0.5])
-    for place, share in zip(GravityDirection().places(filmed), ([0, 1, 1], [0, 0.5, 1]), strict=True):
-        (term,) = GravityDirection().change(filmed, theta, place).terms
-        assert term.force == pytest.approx(np.einsum("t,n,a->tna", share, filmed.mass, theta))
-        assert GravityDirection().near(filmed, place) == [p for p in GravityDirection().places(filmed) if p != place]
+def filmed(gravity: np.ndarray) -> SimpleNamespace:
+    time, mass = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0])
+    return SimpleNamespace(time=time, moving=(time > 1)[:, None, None], mass=mass, **vars(scene(gravity)))
+
+
+def test_a_change_of_gravity_that_grows_is_half_of_it_half_way():
+    still, theta = filmed(0 * GRAVITY), np.array([1.0, -2.0, 0.5])
+    for place, share in zip(GravityDirection().places(still), ([0, 1, 1], [0, 0.5, 1]), strict=True):
+        (term,) = GravityDirection().change(still, theta, place).terms
+        assert term.force == pytest.approx(np.einsum("t,n,a->tna", share, still.mass, theta))
+        assert GravityDirection().near(still, place) == [p for p in GravityDirection().places(still) if p != place]
+
+
+def test_a_tilt_that_grows_is_one_by_half_the_angle_half_way():
+    half, whole = (Rotation.from_rotvec([angle, 0, 0]).apply(GRAVITY) - GRAVITY for angle in (0.3, 0.6))
+    (term,) = GravityDirection().change(filmed(GRAVITY), whole, "with time").terms
+    expected = np.einsum("ta,n->tna", [0 * whole, half, whole], [1.0, 2.0])
+    assert term.force == pytest.approx(expected, abs=1e-12)

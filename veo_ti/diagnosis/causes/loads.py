@@ -129,8 +129,12 @@ class GravityDirection(Growing):
     needs_mass = True
 
     def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
-        """A change of gravity after the reference frame."""
-        return added(self.grown(scene, place) * scene.mass[:, None] * theta)
+        """A change of gravity after the reference frame; one that grows turns it, where it is known."""
+        w, g = self.grown(scene, place), scene.observation.gravity if _known(scene) else np.zeros(3)
+        between = g + w * theta
+        size = (1 - w) * np.linalg.norm(g) + w * np.linalg.norm(g + theta)
+        turned = size * between / np.maximum(np.linalg.norm(between, axis=2, keepdims=True), 1e-300)
+        return added((turned - g) * scene.mass[:, None])
 
     def plausible(self, scene: Scene, theta: np.ndarray, spread: np.ndarray) -> bool:
         """A tilt leaves gravity as strong as it was; a force that only looks like one seldom does."""
