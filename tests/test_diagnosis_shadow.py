@@ -46,7 +46,7 @@ def test_what_goes_on_like_noise_is_looked_at_beside_a_cause_where_another_promi
     beside, promised, kind, pushed, filmed, model, monkeypatch  # noqa: F811
 ):  # fmt: skip
     """Seed 5090: what a clock leaves beside a drag is as strong in all frames."""
-    plain, like_noise = rounds.scores_of, SimpleNamespace(visible=True, like_noise=True, faint=False, coarse=False)
+    plain, like_noise = rounds.scores_of, SimpleNamespace(visible=True, like_noise=True, faint=False)
 
     def scores_of(*given):
         statistics, scores = plain(*given)

@@ -131,7 +131,6 @@ def test_that_another_cause_acts_where_it_looks_like_this_one_is_a_coincidence(u
         (found("a", 54540, 0.992, z=118), True),  # seed 7563: a creeping material, and it was a drag
         (found("a", 54540, 0.992, z=19), False),
         (found("a", 54540, 0.992, z=118, like_noise=True), False),
-        (replace(found("a", 54540, 0.992, z=118), coarse=True), False),
         (replace(found("a", 54540, 0.992, z=118), visible=False), False),  # as little as our own error of the motion
         (found("a", 54540, 0.997, z=118), False),  # the true one may leave as much, since its simulation is not exact
         (steady("a", 54540, 0.997, z=118), True),
@@ -149,8 +148,6 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     assert not stands([leaving]) and stands([found("c", 1938, 0.96, z=70)])
     assert not stands([leaving, found("d", 200, 0.85, z=42)])  # 0.9 %, as pairs do that are not there (11334)
     assert stands([leaving, found("d", 200, 0.96, z=188)])  # 0.24 % (5132)
-    assert stands([replace(leaving, coarse=True)])  # in a body of too few points that may come of them: seed 7643
-    assert not stands([replace(leaving, coarse=True, explained=0.85)])
     assert stands([found("e", 100, 0.7, z=70, like_noise=True)])  # what it leaves neighbours share in all frames
 
 

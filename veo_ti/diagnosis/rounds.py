@@ -177,5 +177,5 @@ def _candidate(
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
         coincidence=result.cause.coincidence(result.scene, result.theta, result.spread),
         certain=result.certain(gained if current.cause is None else 0.0),
-        like_noise=leaves.like_noise, visible=leaves.visible, coarse=leaves.coarse and leaves.faint,
+        like_noise=leaves.like_noise, visible=leaves.visible,
     )  # fmt: skip

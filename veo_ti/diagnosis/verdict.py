@@ -49,7 +49,6 @@ class Candidate:
     certain: bool = True  # the interval of one of its own parameters leaves out that it is absent
     like_noise: bool = False  # what is left goes on as evenly as noise that neighbours share
     visible: bool = True  # what is left is more than the simulation's own error beside the cause may be
-    coarse: bool = False  # it is no more than that of points too few for the body may be
 
     @property
     def able(self) -> bool:
@@ -73,8 +72,8 @@ class Candidate:
 
     @property
     def clear(self) -> bool:
-        """Whether clear misfit stays that does not go on like noise, nor may come of too few points."""
-        return self.misfit.z > CLEAR and not (self.like_noise or self.coarse)
+        """Whether clear misfit stays that does not go on like noise."""
+        return self.misfit.z > CLEAR and not self.like_noise
 
     @property
     def name(self) -> str:
@@ -212,10 +211,9 @@ def unexplained(nearest: Sequence[Candidate]) -> Verdict:
 def stands(causes: Sequence[Candidate]) -> bool:
     """Whether the causes named one after the other explain enough together for any of them to be named: all but noise
     that neighbours share, or nearly all."""
-    last, left = causes[-1], 1 - explained_by(causes)
-    if len(causes) == 1:
-        return last.like_noise or left <= (1 - TOGETHER) / (2 if last.clear else 1)
-    return last.like_noise or left <= (1 - BOTH) / (8 if last.misfit.z > CLEAR else 1)
+    last = causes[-1]
+    may_leave, of_it = (1 - TOGETHER, 1 / 2) if len(causes) == 1 else (1 - BOTH, 1 / 8)
+    return last.like_noise or 1 - explained_by(causes) <= may_leave * (of_it if last.clear else 1)
 
 
 def doubtful(candidate: Candidate) -> bool:
