@@ -86,17 +86,16 @@ class RestCloud:
         require(len(x) > options.neighbours, "x", f"hold more than {options.neighbours} points", len(x))
         neighbours, reach = _neighbourhoods(x, options.neighbours)
         hull = Hull.of(x, reach)
-        surface = None if surface is None else as_array("surface", surface, (len(x),), bool)
-        if surface is not None and np.ndim(volume) == 1:
-            hull = hull.carved(x, _point_volumes(volume, hull.volume(x), reach), surface)
+        told = surface is not None and np.ndim(volume) == 1
         volume = _point_volumes(volume, hull.volume(x), reach)
+        surface = hull.surface(len(x)) if surface is None else as_array("surface", surface, (len(x),), bool)
+        hull = hull.carved(x, volume, surface) if told else hull
         start, point, slot = _incident(neighbours)
         return cls(
             x=x, neighbours=neighbours, volume=volume, reach=reach, hull=hull,
             **_geometry(x, neighbours, volume, hull, options),
-            surface=hull.surface(len(x)) if surface is None else surface,
-            island=_islands(neighbours), incident_start=start, incident_point=point, incident_slot=slot,
-            options=options,
+            surface=surface, island=_islands(neighbours), incident_start=start, incident_point=point,
+            incident_slot=slot, options=options,
         )  # fmt: skip
 
     def moved(self, x: np.ndarray) -> "RestCloud":

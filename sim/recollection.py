@@ -86,14 +86,14 @@ class _Softened:
         return 2 * (np.eye(3) - np.linalg.inv(self.F.swapaxes(2, 3) @ self.F))
 
     @cached_property
-    def largest(self) -> np.ndarray:
-        """The largest load so far, (T, N)."""
-        return largest_load(self.F)
+    def reached(self) -> np.ndarray:
+        """What grows with the largest load so far, (T, N)."""
+        raise NotImplementedError
 
     @cached_property
     def fresh(self) -> np.ndarray:
-        """Where that is a frame's own, (T, N)."""
-        return np.diff(self.largest, axis=0, prepend=0.0) > 0
+        """Where that load is a frame's own, (T, N)."""
+        return np.diff(self.reached, axis=0, prepend=0.0) > 0
 
     @cached_property
     def each(self) -> np.ndarray:
@@ -113,7 +113,7 @@ class Damaged(_Softened):
 
     def terms(self) -> tuple[Term, ...]:
         """What it lost."""
-        return (self.lost(-self.share * self.D),)
+        return (self.lost(-self.share * self.reached),)
 
     def lost(self, weight: np.ndarray) -> ExtraLaw:
         """The energy in proportion to weights (T, N)."""
@@ -126,13 +126,13 @@ class Damaged(_Softened):
         return self.lost(np.ones((1, self.y.shape[1]))).each(self.y)
 
     @cached_property
-    def D(self) -> np.ndarray:
-        """The damage done, (T, N), from 0 to 1."""
+    def reached(self) -> np.ndarray:
+        """The damage D done, from 0 to 1."""
         return damage(self.F, self.scale, soon=self.soon)
 
     def slope(self, frame: int) -> np.ndarray:
         """Of the damage."""
-        return self.share * damage_slope(self.D[frame], self.scale, soon=self.soon)
+        return self.share * damage_slope(self.reached[frame], self.scale, soon=self.soon)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,9 +143,14 @@ class SoftenedBelow(_Softened):
 
     def terms(self) -> tuple[Term, ...]:
         """What it lost."""
-        given, before = self.elastic, np.concatenate([np.zeros_like(self.largest[:1]), self.largest[:-1]])
+        given, before = self.elastic, np.concatenate([np.zeros_like(self.reached[:1]), self.reached[:-1]])
         m = np.stack(np.broadcast_arrays(given.m[:, 0], self.share, self.scale, before), axis=2)
         return (ExtraLaw(stencil=given.stencil, law=SoftBelow, m=m),)
+
+    @cached_property
+    def reached(self) -> np.ndarray:
+        """The load itself."""
+        return largest_load(self.F)
 
     @cached_property
     def each(self) -> np.ndarray:
@@ -155,7 +160,7 @@ class SoftenedBelow(_Softened):
 
     def slope(self, frame: int) -> np.ndarray:
         """Of tanh, and nothing where the frame's own load is the largest."""
-        below = (self.largest[frame] - load(self.F[frame])) / self.scale
+        below = (self.reached[frame] - load(self.F[frame])) / self.scale
         return np.where(self.fresh[frame], 0.0, self.share * (1 - np.tanh(below) ** 2) / self.scale)
 
 

@@ -146,6 +146,7 @@ def test_one_name_stands_with_nine_tenths_and_two_need_more():
     assert stands([good, good]) and not stands([part, part])
     leaving = found("c", 1938, 0.94, z=70)  # seed 1945: buckling passed for a stiffening
     assert not stands([leaving]) and stands([found("c", 1938, 0.96, z=70)])
+    assert not stands([leaving, found("d", 200, 0.42, z=42)])
     assert not stands([leaving, found("d", 200, 0.85, z=42)])  # 0.9 %, as pairs do that are not there (11334)
     assert stands([leaving, found("d", 200, 0.96, z=188)])  # 0.24 % (5132)
     assert stands([found("e", 100, 0.7, z=70, like_noise=True)])  # what it leaves neighbours share in all frames

@@ -1,4 +1,4 @@
-"""Hidden effects that a rig may well have and no other mix hides: two of them are causes of the toolkit since."""
+"""Hidden effects that a rig may well have and no other mix hides: all of them are causes of the toolkit since."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Hidden effects of the catalogue in loads, dynamics and measurement, in forms that no cause of the toolkit has."""
+"""Hidden effects of the catalogue in loads, dynamics and measurement, in forms that no other mix hides."""
 
 from dataclasses import replace
 

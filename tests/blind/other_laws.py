@@ -1,5 +1,5 @@
-"""Hidden effects of the catalogue in the material, by laws that no cause of the toolkit has: the name is right all the
-same."""
+"""Hidden effects of the catalogue in the material, by laws that no other mix hides, and that no cause of the toolkit
+had when they were written: the name is right all the same."""
 
 import numpy as np
 

@@ -68,6 +68,7 @@ class Cause:
     needs_mass = False  # whether the object must have been weighed
     over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is a law of each point in proportion to its mu, lam: terms that have `each`
+    few = False  # whether its places are so few that all others get a closer look, too
     exact = False  # whether what it does is simulated as well as known loads are: steady forces, maps of what is seen
     follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other
     rank = 9  # of two causes the lower one comes first: the other one takes the loads that it makes
@@ -116,7 +117,7 @@ class Cause:
 
     def near(self, scene: Scene, place: Any) -> Sequence[Any]:
         """Other places for a closer look: between `place` and those that were scanned, or all of these again."""
-        return ()
+        return [other for other in self.places(scene) if other != place] if self.few else ()
 
     def courses(self, scene: Scene, place: Any) -> Sequence[Course]:
         """Those on which the place lies, such as that of time constants."""

@@ -111,8 +111,7 @@ class ClockDrift(ByTheClock):
 
     def places(self, scene: Scene) -> Sequence[Reading]:
         """All along; or from some moment on, half-way between two frames, where it stopped."""
-        along = super().places(scene)
-        between = (scene.time[1:-1] + scene.time[2:]) / 2
+        along, between = super().places(scene), self._between(scene)
         stops = between[np.linspace(0, len(between) - 1, min(_STOPS + 2, len(between))).astype(int)][1:-1]
         tight = next(r for r in along if r.way is PchipInterpolator)
         return [*along, *(replace(tight, since=float(t)) for t in stops)]
@@ -121,12 +120,15 @@ class ClockDrift(ByTheClock):
         """Other moments nearby, and the other course."""
         if place.since is None:
             return super().near(scene, place)
-        others = ((scene.time[1:-1] + scene.time[2:]) / 2).tolist()
-        reach, smooth = 1.5 * np.ptp(scene.time) / _STOPS, replace(place, way=CubicSpline)
-        tight = replace(place, way=PchipInterpolator)
-        moments = [t for t in others if abs(t - place.since) < reach]
-        every = [replace(way, since=t) for way in (smooth, tight) for t in moments]
+        reach = 1.5 * np.ptp(scene.time) / _STOPS
+        moments = [t for t in self._between(scene).tolist() if abs(t - place.since) < reach]
+        every = [replace(place, way=way, since=t) for way in (CubicSpline, PchipInterpolator) for t in moments]
         return [other for other in every if other != place]
+
+    @staticmethod
+    def _between(scene: Scene) -> np.ndarray:
+        """Half-way from each frame but the first to the next, [s]."""
+        return (scene.time[1:-1] + scene.time[2:]) / 2
 
     def times(self, scene: Scene, theta: np.ndarray, place: Reading) -> np.ndarray:
         """Ever farther off, or as far from some moment on."""

@@ -101,13 +101,11 @@ class HiddenTether(AtSpot):
 class Growing(Cause):
     """A cause that is absent in the reference pose, and there at once after it, or more and more."""
 
+    few = True
+
     def places(self, scene: Scene) -> Sequence[str]:
         """At once, or with time."""
         return ("at once", "with time")
-
-    def near(self, scene: Scene, place: str) -> Sequence[str]:
-        """The other one."""
-        return [other for other in self.places(scene) if other != place]
 
     def grown(self, scene: Scene, place: str) -> np.ndarray:
         """How much of it is there, (T, 1, 1): one after the reference frame, or t / T."""

@@ -26,11 +26,8 @@ class OtherLoads(Cause):
     not the sum of what each does alone."""
 
     needs_load = True
+    few = True
     rank = 3
-
-    def near(self, scene: Scene, place: Any) -> Sequence[Any]:
-        """The other ones: its places are few."""
-        return [other for other in self.places(scene) if other != place]
 
     def loads(self, scene: Scene, theta: np.ndarray, place: Any) -> tuple[np.ndarray, Jet | None]:
         """The forces (T, N, 3) [N] instead of the nominal ones, and the jet that blows them, where one is known."""
