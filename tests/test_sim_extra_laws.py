@@ -242,8 +242,7 @@ def test_gent_goes_on_along_its_tangent_beyond_nineteen_twentieths_of_its_limit(
 
 
 def test_a_material_is_soft_far_below_its_largest_load_and_as_ever_from_it_on():
-    """Shear stress falls to 1 - d of itself."""
-    F, d = states(8), 0.7
+    F, d = states(8), 0.7  # of the shear stress
     I1, mu = invariant(F), np.full(COUNT, 2.0)
     base = by_hand(NeoHookean, F, np.stack([mu, 0 * mu], axis=1))[1]
     for largest, lost in ((I1 + 1.0, d), (I1, 0.0), (0.5 * I1, 0.0), (0 * I1, 0.0)):
