@@ -8,7 +8,7 @@ from sim import runtime
 from sim.cloud import RestCloud
 from sim.join import join_clouds, part_slices
 from sim.terms.contact import Contact
-from sim.terms.handles import Handles
+from sim.terms.handles import Handles, Strings
 from sim.terms.loads import AppliedForce, gravity_change
 from sim.terms.pair import SurfaceContact
 from sim.terms.shapes import Box, Capsule, Mesh, Plane, Sphere
@@ -58,6 +58,8 @@ def terms():
     cases["gravity"] = (gravity_change(rng.uniform(1, 2, POINTS), rng.normal(size=(FRAMES, 3))), y)
     some = rng.choice(POINTS, 7, replace=False)
     cases["handles"] = (Handles(points=some, targets=rng.normal(size=(FRAMES, 7, 3)), alpha=rng.uniform(1, 2, 7)), y)
+    some_taut = rng.uniform(0.5, 2.0, 7)
+    cases["strings"] = (Strings(points=some, anchor=np.ones(3), length=some_taut, alpha=rng.uniform(1, 2, 7)), y)
     (there, back), y = touching_blocks()
     return cases | {"pair": (there, y), "pair, other way": (back, y)}
 
@@ -105,7 +107,7 @@ def test_blocks_are_the_part_of_the_tangent_that_couples_no_points(case):
             np.testing.assert_allclose(tangent.product(p)[:, i], tangent.blocks[:, i, :, c], atol=1e-12, err_msg=str(n))
 
 
-@pytest.mark.parametrize("case", [*SHAPES, "pair", "pair, other way"])
+@pytest.mark.parametrize("case", [*SHAPES, "strings", "pair", "pair, other way"])
 def test_projected_tangent_is_positive_and_leaves_other_frames_exact(case):
     term, y = CASES[case]
     project = np.array([True, False, True])
@@ -137,3 +139,14 @@ def test_handle_that_was_not_seen_does_not_pull():
     pull = handles.gradient(np.zeros((2, 4, 3)))
     np.testing.assert_allclose(pull[0, 0], -2 * 10.0)  # 2 alpha (y - x*) with alpha = 10 * 2 * 0.5
     assert np.count_nonzero(pull) == 3
+
+
+def test_string_pulls_towards_its_anchor_and_never_pushes():
+    """One of length 2 [m] from the origin, along (0.6, 0.8, 0): taut from there on, slack before."""
+    string = Strings(points=np.array([1]), anchor=np.zeros(3), length=np.array([2.0]), alpha=np.array([3.0]))
+    way = np.array([0.6, 0.8, 0.0])
+    y = np.zeros((3, 2, 3))
+    y[:, 1] = np.array([[1.5], [2.0], [2.5]]) * way
+    np.testing.assert_allclose(string.gradient(y)[:, 1], [0 * way, 0 * way, 2 * 3.0 * 0.5 * way], atol=1e-12)
+    np.testing.assert_allclose(string.value(y), [0.0, 0.0, 3.0 * 0.5**2])
+    assert not string.gradient(y)[:, 0].any()

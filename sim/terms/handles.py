@@ -1,4 +1,4 @@
-"""Strings and other handles: points softly held where they were observed (paper E_A)."""
+"""Handles: points softly held where they were observed (paper E_A), and strings that only pull."""
 
 from dataclasses import dataclass, replace
 
@@ -64,3 +64,44 @@ class Handles:
         alpha, pull = mixed(self.alpha, frame, share), self.alpha[..., None] * self.targets
         seen = np.where(alpha > 0, alpha, 1.0)[..., None]
         return replace(self, targets=mixed(pull, frame, share) / seen, alpha=alpha)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Strings:
+    """`E = sum_q alpha_q <|y_q - a| - l_q>^2`, <s> = max(s, 0): strings to one anchor that pull where they get longer
+    than at rest, and never push."""
+
+    points: np.ndarray  # (Q,) indices
+    anchor: np.ndarray  # (3,) [m]
+    length: np.ndarray  # (Q,) [m], at which each is just taut
+    alpha: np.ndarray  # (Q,) [N/m]
+
+    def value(self, y: np.ndarray) -> np.ndarray:
+        """Energy (T,) [J]."""
+        return (self.alpha * self._stretched(y)[2] ** 2).sum(axis=1)
+
+    def gradient(self, y: np.ndarray) -> np.ndarray:
+        """2 alpha <s> d / |d| at the points, d from the anchor, (T, N, 3) [N]."""
+        d, r, longer = self._stretched(y)
+        out = np.zeros_like(y)
+        out[:, self.points] = (2 * self.alpha * longer / r)[..., None] * d
+        return out
+
+    def tangent(self, y: np.ndarray, project: np.ndarray | None = None) -> PointBlocks:
+        """2 alpha (n n^T + <s> / |d| (I - n n^T)) where one is taut: positive as it is."""
+        d, r, longer = self._stretched(y)
+        along = d[..., :, None] * d[..., None, :] / (r**2)[..., None, None]
+        stiff = (longer > 0)[..., None, None] * along + (longer / r)[..., None, None] * (np.eye(3) - along)
+        blocks = np.zeros((*y.shape, 3))
+        blocks[:, self.points] = 2 * self.alpha[:, None, None] * stiff
+        return PointBlocks(blocks=blocks)
+
+    def frames(self, index: np.ndarray) -> "Strings":
+        """The same in all."""
+        return self
+
+    def _stretched(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """From the anchor to each point (T, Q, 3), how far that is, and by how much more than its length, (T, Q)."""
+        d = y[:, self.points] - self.anchor
+        r = np.maximum(np.linalg.norm(d, axis=2), 1e-300)
+        return d, r, np.maximum(r - self.length, 0.0)

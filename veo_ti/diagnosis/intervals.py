@@ -66,10 +66,14 @@ def measured(result: Refit) -> list[tuple[Measure, float, float]]:
     before, after = ([_values(result, on(result.place, step)) for on in courses] for step in (-0.5, 0.5))
     change = np.subtract(after, before)
     sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * result.off_place)
-    elsewhere = [_values(result, place) for place, _ in result.placed.elsewhere]
-    ends = zip(*(measure.interval(float(s)) for measure, s in zip(here, sd, strict=True)), strict=True)
-    low, high = (extreme([end, *elsewhere], axis=0) for extreme, end in zip((np.min, np.max), ends, strict=True))
-    return list(zip(here, low.tolist(), high.tolist(), strict=True))
+    elsewhere = [
+        {m.name: m.value for m in result.cause.measures(place)} for place, _ in result.placed.elsewhere
+    ]
+    found = []
+    for measure, s in zip(here, sd.tolist(), strict=True):
+        ends = [*measure.interval(s), *(other[measure.name] for other in elsewhere if measure.name in other)]
+        found.append((measure, min(ends), max(ends)))
+    return found
 
 
 def _values(result: Refit, place: Any) -> np.ndarray:

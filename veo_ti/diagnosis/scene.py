@@ -148,6 +148,13 @@ class Scene:
         return self.target.residual(self.y)
 
     @cached_property
+    def undone(self) -> np.ndarray:
+        """What a force at each point would undo of the residual in the frames that train, per newton: `H^-1 r`, the
+        slope of `|r|^2 / 2` against it, (T, N, 3) [m2/N]."""
+        wanted = self.residual * self.train[:, None, None]
+        return np.concatenate(list(responses(self.energy, self.y, lambda index: wanted[index, None].copy())))
+
+    @cached_property
     def moving(self) -> np.ndarray:
         """Frames after the reference, (T, 1, 1), 1 or 0: what acts all the time is part of the reference pose."""
         return (np.arange(len(self.time)) > 0).astype(float)[:, None, None]

@@ -8,6 +8,7 @@ from sim.laws.neo_hookean import NeoHookean
 from veo_ti.diagnosis.causes.base import Cause, Change, Parameter
 from veo_ti.diagnosis.causes.loads import AtSpot, Patch, added, around
 from veo_ti.diagnosis.causes.material import extra
+from veo_ti.diagnosis.causes.ways import Way, in_words
 from veo_ti.diagnosis.scene import Scene
 
 _SPOTS = 24  # where a cut may begin
@@ -15,7 +16,7 @@ _REACHES = (3.0, 5.0)  # spacings that it goes deep
 _LEAST = 1.0  # nats of stiffness that a cut must have lost: less is a soft place
 _BODY = 6.0  # spacings around a spot that show how the body runs there
 
-Cut = tuple[int, tuple[float, float, float], float]  # spot, normal, reach [m]
+Cut = tuple[int, Way, float]  # spot, normal, reach [m]
 
 
 class Disconnection(Cause):
@@ -53,7 +54,7 @@ class Disconnection(Cause):
     def describe(self, scene: Scene, place: Cut) -> str:
         """Where, and in which plane."""
         spot, n, reach = place
-        return f"{around(scene.cloud.x[spot])}, {1e3 * reach:.0f} mm deep, across ({n[0]:.2f}, {n[1]:.2f}, {n[2]:.2f})"
+        return f"{around(scene.cloud.x[spot])}, {1e3 * reach:.0f} mm deep, across {in_words(n)}"
 
 
 class AddedMass(AtSpot):
@@ -86,7 +87,7 @@ class AddedMass(AtSpot):
         return scene.moving * (scene.observation.gravity - acceleration)
 
 
-def _axes(scene: Scene, spot: int) -> list[tuple[float, float, float]]:
+def _axes(scene: Scene, spot: int) -> list[Way]:
     """The directions in which the body around a spot is longest, middle and thinnest."""
     x = scene.cloud.x
     near = x[np.linalg.norm(x - x[spot], axis=1) < _BODY * scene.cloud.spacing]

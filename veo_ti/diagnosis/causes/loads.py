@@ -5,13 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.terms.handles import Handles
+from sim.terms.handles import Handles, Strings
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
-from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled
+from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
+from veo_ti.diagnosis.causes.ways import ALL_AROUND, Way, distinct, in_words
 from veo_ti.diagnosis.scene import Scene
 
 _SPREAD = 2.0  # spacings, where nothing else is known
+_STRINGS = 2  # ways, in which one may lead from a spot
+_TURN = np.deg2rad(15)  # of a string, half a step on
 _LEVEL = 0.1  # sine of the slope, up to which a force may be meant to be level
 _TILT = 5.0  # standard deviations, by which a tilt may change the strength of gravity
 
@@ -80,8 +83,16 @@ class HiddenForce(AtSpot):
         return added(scene.moving * self.patch(scene, place)[:, None] * theta)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Tied(Patch):
+    """Where something is tied: held from all sides, or by a string that leads that way to its other end."""
+
+    way: Way | None = None
+    length: float = 0.0  # [m], of the string
+
+
 class HiddenTether(AtSpot):
-    """E = k/2 |y - x|^2 at a spot."""
+    """E = k/2 |y - x|^2 at a spot, or k/2 <|y - a| - |x - a|>^2 by a string to an anchor a, which only pulls."""
 
     name = "hidden_tether"
     sentence = "An elastic string or an unseen attachment holds one spot where it was at rest."
@@ -91,11 +102,60 @@ class HiddenTether(AtSpot):
         """What would hold a patch of some spacings about as stiffly as the material around it."""
         return np.array([10 * float(np.median(scene.mu)) * scene.cloud.spacing])
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Patch) -> Change:
-        """Springs spread around the spot."""
-        w = self.patch(scene, place)
+    def places(self, scene: Scene) -> Sequence[Tied]:
+        """Held from all sides, or by a string that leads where it would undo most."""
+        held = [Tied(centre=patch.centre, radius=patch.radius) for patch in super().places(scene)]
+        return [*held, *(replace(at, way=way, length=_size(scene)) for at in held for way in _pulled(scene, at))]
+
+    def near(self, scene: Scene, place: Tied) -> Sequence[Tied]:
+        """The same tie elsewhere, and strings that lead all ways from there, or none."""
+        ways = [replace(place, way=way, length=place.length or _size(scene)) for way in ALL_AROUND]
+        return [*super().near(scene, place), *ways, *([replace(place, way=None)] if place.way else [])]
+
+    def courses(self, scene: Scene, place: Tied) -> Sequence[Course]:
+        """A string may lead to either side, and to nearer or farther, too."""
+        courses = super().courses(scene, place)
+        if place.way is None:
+            return courses
+        ways = turned(place.way, _TURN, sideways(scene, place.centre))
+        leading = [lambda at, steps, on=on: replace(at, way=on(at.way, steps)) for on in ways]
+        return (*courses, *leading, lambda at, steps: replace(at, length=scaled(at.length, steps)))
+
+    def measures(self, place: Tied) -> Sequence[Measure]:
+        """Its spot, and where a string leads."""
+        way = zip("xyz", place.way or (), strict=False)
+        return (*super().measures(place), *(Measure(f"way_{axis}", "-", value) for axis, value in way))
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Tied) -> Change:
+        """Springs spread around the spot, or strings."""
+        w, x = self.patch(scene, place), scene.cloud.x
         held = np.flatnonzero(w)
-        return Change(terms=(Handles(points=held, targets=scene.cloud.x[None, held], alpha=0.5 * theta[0] * w[held]),))
+        alpha = 0.5 * theta[0] * w[held]
+        if place.way is None:
+            return Change(terms=(Handles(points=held, targets=x[None, held], alpha=alpha),))
+        anchor = np.array(place.centre) + place.length * np.array(place.way)
+        length = np.linalg.norm(x[held] - anchor, axis=1)
+        return Change(terms=(Strings(points=held, anchor=anchor, length=length, alpha=alpha),))
+
+    def describe(self, scene: Scene, place: Tied) -> str:
+        """Where, and by what."""
+        if place.way is None:
+            return super().describe(scene, place)
+        return f"{super().describe(scene, place)}, by a string towards {in_words(place.way)}"
+
+
+def _size(scene: Scene) -> float:
+    """Of the object [m]: a string is about as long, if nothing else is known."""
+    return float(np.ptp(scene.cloud.x, axis=0).max())
+
+
+def _pulled(scene: Scene, place: Tied) -> list[Way]:
+    """Where a string at a spot would lead that undoes most of the residual, over how hard it pulls."""
+    spot, ways = scene.nearest(place.centre), np.array(ALL_AROUND)
+    taut = np.maximum((scene.cloud.x[spot] - scene.y[:, spot]) @ ways.T, 0.0)
+    undone = (taut * (scene.undone[:, spot] @ ways.T)).sum(axis=0)
+    worth = undone / np.maximum(np.linalg.norm(taut, axis=0), 1e-300)
+    return distinct([ALL_AROUND[i] for i in np.argsort(-worth) if worth[i] > 0], _STRINGS)
 
 
 class Growing(Cause):

@@ -11,6 +11,7 @@ from sim.laws.extra import Fibre, GentStiffening, VolumetricChange, YeohStiffeni
 from sim.terms.material import ExtraLaw
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, across, turned
+from veo_ti.diagnosis.causes.ways import in_words
 from veo_ti.diagnosis.scene import Scene
 
 AXES = 30
@@ -160,4 +161,4 @@ class FibreAnisotropy(Cause):
 
     def describe(self, scene: Scene, place: np.ndarray) -> str:
         """The axis."""
-        return "along ({:.2f}, {:.2f}, {:.2f})".format(*place)
+        return f"along {in_words(place)}"

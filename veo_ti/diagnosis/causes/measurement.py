@@ -8,11 +8,14 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Parameter
+from veo_ti.diagnosis.causes.courses import Course, turned
 from veo_ti.diagnosis.causes.loads import Growing
+from veo_ti.diagnosis.causes.ways import ALL_AROUND, Way, in_words
 from veo_ti.diagnosis.scene import Scene
 
 _KNOCKS = 12  # moments that are scanned for one at which a camera was knocked at;
 _UNKNOCKED = 1 / 8  # of all frames, that are before and after it: what is there all the time is another thing
+_TURN = np.deg2rad(25)  # of the way in which slip grows, half a step on
 
 
 class CameraScale(Growing):
@@ -75,37 +78,55 @@ class CameraPose(Cause):
 
 
 class CorrespondenceSlip(Cause):
-    """y_seen = y - c (I - n n^T)(y - x)."""
+    """y_seen = y - c s (I - n n^T)(y - x), s one everywhere, or from 0 to 2 along some way through the object."""
 
     name = "correspondence_slip"
     sentence = "Tracked points slide back along the surface: motion across the view is under-reported."
     parameters = (Parameter(name="share", unit="-", sd=0.1),)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
+    def places(self, scene: Scene) -> Sequence[Way | None]:
+        """Everywhere alike, or more and more along a way, as where one side shows less texture."""
+        return (None, *ALL_AROUND)
+
+    def courses(self, scene: Scene, place: Way | None) -> Sequence[Course]:
+        """Of ways."""
+        return () if place is None else turned(place, _TURN)
+
+    def change(self, scene: Scene, theta: np.ndarray, place: Way | None) -> Change:
         """The tangential part of the displacement is reported too small."""
-        normals = _unit(_turned(scene))
+        normals, share = _unit(_turned(scene)), theta[0] * self._where(scene, place)
 
         def observe(y: np.ndarray, frames: np.ndarray) -> np.ndarray:
-            return y - theta[0] * _along(y - scene.cloud.x, normals[frames])
+            return y - share * _along(y - scene.cloud.x, normals[frames])
 
         return Change(observe=observe)
 
-    def carried(self, scene: Scene, theta: np.ndarray, place: Any) -> Carried:
+    def carried(self, scene: Scene, theta: np.ndarray, place: Way | None) -> Carried:
         """Of a change of motion, too, the tangential part is reported too small; and with it the surface turns."""
-        a = _turned(scene)
+        a, share = _turned(scene), theta[0] * self._where(scene, place)
         size = np.maximum(np.linalg.norm(a, axis=2, keepdims=True), 1e-300)
         normals, inverse, u = _unit(a), np.linalg.inv(scene.F), scene.y - scene.cloud.x
 
         def further(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
             n, moved = normals[frames], u[frames]
-            turned = -np.einsum(
+            moving = -np.einsum(
                 "tnba,tncb,tnc->tna", inverse[frames], scene.cloud.deformation_gradient(motion), a[frames],
                 optimize=True,
             ) / size[frames]  # fmt: skip
-            turned = _along(turned, n) * n.any(axis=2, keepdims=True)
-            return -theta[0] * (_along(motion, n) - _dot(moved, turned) * n - _dot(moved, n) * turned)
+            moving = _along(moving, n) * n.any(axis=2, keepdims=True)
+            return -share * (_along(motion, n) - _dot(moved, moving) * n - _dot(moved, n) * moving)
 
         return further
+
+    @staticmethod
+    def _where(scene: Scene, place: Way | None) -> np.ndarray:
+        """How much of the share each point slips by, (N, 1)."""
+        along = scene.cloud.x @ (np.zeros(3) if place is None else np.array(place))
+        return np.ones((len(along), 1)) if place is None else 2 * (along - along.min())[:, None] / np.ptp(along)
+
+    def describe(self, scene: Scene, place: Way | None) -> str:
+        """Where."""
+        return "" if place is None else f"more and more towards {in_words(place)}"
 
 
 class TemporalSmoothing(Cause):

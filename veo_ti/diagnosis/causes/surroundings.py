@@ -13,18 +13,16 @@ from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
 from veo_ti.diagnosis.causes.loads import added, around
 from veo_ti.diagnosis.causes.material import extra
+from veo_ti.diagnosis.causes.ways import Way, distinct, ways_of
 from veo_ti.diagnosis.scene import Scene
 
 _GAPS = (0.3, 0.6)  # of the farthest that the spot goes
 _REACH = 4.0  # spacings around a spot within which a wall is felt
 _PATCH, _GIVES = 2.0, 0.05  # spacings around, and share of the motion, that a hard wall is pressed over and in by
 _FACES = (0.5, 0.75, 0.95)  # of the farthest that any point was seen to go, where a wide wall begins
-_WAYS, _APART = 8, np.cos(np.deg2rad(25))  # directions into wide walls at most, and the cosine between them
-_STRONG = 0.3  # of the largest residual or load, that is asked for a direction
+_WAYS = 8  # directions into wide walls at most
 _TURNS = np.deg2rad((12, 4))  # of a wide wall in a closer look
 _TURN = np.deg2rad(6)  # of any, half a step on
-
-Way = tuple[float, float, float]  # a unit vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +58,7 @@ class HiddenContact(Cause):
             Wall(spot=_at(scene, s), way=ways[s], gap=share * float(farthest[s])) for s in spots for share in _GAPS
         ]
         wide = {way: _wide(scene, way) for way in (*_kept_from(scene), *_pushed(scene), *ways.values())}
-        into = _distinct([way for way, walls in wide.items() if walls])
+        into = distinct([way for way, walls in wide.items() if walls], _WAYS)
         return small + [wall for way in into for wall in wide[way]]
 
     def near(self, scene: Scene, place: Wall) -> Sequence[Wall]:
@@ -123,27 +121,12 @@ def _kept_from(scene: Scene) -> list[Way]:
     """Where the simulation goes beyond what was seen: against the largest residual of every frame, largest first."""
     r = scene.residual * scene.train[:, None, None]
     worst = np.linalg.norm(r, axis=2).argmax(axis=1)
-    return _units(-r[np.arange(len(r)), worst])
+    return ways_of(-r[np.arange(len(r)), worst])
 
 
 def _pushed(scene: Scene) -> list[Way]:
     """Where each frame's load pushes, the strongest first."""
-    return _units(scene.forces.sum(axis=1) * scene.train[:, None])
-
-
-def _units(vectors: np.ndarray) -> list[Way]:
-    """The directions of those (T, 3) that are not much shorter than the longest, which comes first."""
-    size = np.linalg.norm(vectors, axis=1)
-    return [tuple((vectors[t] / size[t]).tolist()) for t in np.argsort(-size) if size[t] > _STRONG * size.max()]
-
-
-def _distinct(ways: Sequence[Way]) -> list[Way]:
-    """The first of those that lie close together."""
-    kept: list[Way] = []
-    for way in ways:
-        if all(np.dot(way, other) < _APART for other in kept) and len(kept) < _WAYS:
-            kept.append(way)
-    return kept
+    return ways_of(scene.forces.sum(axis=1) * scene.train[:, None])
 
 
 def _wide(scene: Scene, way: Way) -> list[Wall]:
