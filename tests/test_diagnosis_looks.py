@@ -96,15 +96,21 @@ def test_a_fit_that_crept_is_begun_anew_once_from_a_homogeneous_object_without_t
     ((5.0, 2.0, 1.9), 3, 1.9), ((9.5, 1.0), 1, 9.5), ((11.0, 1.0), 1, 10.0), ((5.0, 2.0, 1.0, 0.1), 3, 1.0),
 ])  # fmt: skip
 def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(leaves, asked, left, monkeypatch):
-    """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most."""
-    fits = iter(leaves)
-    cause = SimpleNamespace(name="any", closer=lambda *_: ("place", None))
+    """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most; each time from
+    where it is best along its courses."""
+    fits, followed = iter(leaves), []
+    cause = SimpleNamespace(name="any", closer=lambda scene, theta, place: followed.append(place) or ("place", None))
 
     def tried(left: float) -> SimpleNamespace:
-        tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=None, without=None, coefficients=None)
+        tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=left, without=None, coefficients=None)
         return SimpleNamespace(tuned=tuned, following=None, left=left, model=SimpleNamespace(effort=Effort()))
 
+    def moved(result: SimpleNamespace, model: None, roams: int) -> SimpleNamespace:
+        return SimpleNamespace(place=(roams, result.place), theta=None, coefficients=None)
+
     monkeypatch.setattr(looks, "refit", lambda *_, **more: None)
+    monkeypatch.setattr(looks, "better_place", moved)
     monkeypatch.setattr(looks.Tried, "of", lambda *_, **more: tried(next(fits)))
     assert looks.beyond(tried(10.0), None, str).left == left
     assert len(leaves) - len(list(fits)) == asked
+    assert followed == [(1, before) for before in (10.0, *leaves)][: len(followed)] and followed

@@ -36,10 +36,11 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
 def waiting(
     statistics: Statistics, noise: Statistics, scores: Sequence[Score], keep: float, tried: Collection[str]
 ) -> list[Score]:
-    """All others that could be next, however many, and the two that promise most together, if that is far more than
-    any does alone: they may hide each other. noise: the statistics at the variance of the noise."""
+    """All others that could be next, however many, and however much of them the nuisances imitate; and the two that
+    promise most together, if that is far more than any does alone: they may hide each other. noise: the statistics at
+    the variance of the noise."""
     spoken = _spoken_for(scores, keep)
-    able = [s for s in spoken if s.explained > _PROMISING]
+    able = [s for s in _spoken_for(scores, 0.0) if s.explained > _PROMISING]
     others = [s for s in able if s.log_bayes >= _FURTHER * able[0].log_bayes]
     pairs = [(statistics.together(*two, noise), two) for two in combinations(spoken, 2)]
     most, both = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))

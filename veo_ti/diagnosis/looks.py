@@ -155,16 +155,17 @@ def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
-    """With what the cause does beyond the first order, as long as clearly less is left with it."""
+    """With what the cause does beyond the first order, as long as clearly less is left with it; on its courses it may
+    then be elsewhere."""
     for _ in range(_BEYOND):
-        result = tried.tuned
-        closer = result.cause.closer(result.scene, result.theta, result.place)
+        result, spot = tried.tuned, better_place(tried.tuned, tried.following, roams=1)
+        closer = result.cause.closer(result.scene, spot.theta, spot.place)
         if closer is None or tried.model.effort.over:
             break
         say(f"{result.cause.name} beyond the first order")
         place, theta = closer
         again = Tried.of(
-            refit(result.without, tried.following, result.coefficients, cause=result.cause, place=place, theta=theta),
+            refit(result.without, tried.following, spot.coefficients, cause=result.cause, place=place, theta=theta),
             tried.following, modes, fine=True,
         )  # fmt: skip
         if again.left > tried.left:
