@@ -9,11 +9,10 @@ from sim.terms.handles import Handles, Strings
 from sim.terms.loads import AppliedForce
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
-from veo_ti.diagnosis.causes.ways import ALL_AROUND, Way, distinct, in_words
+from veo_ti.diagnosis.causes.ways import ALL_AROUND, Way, in_words
 from veo_ti.diagnosis.scene import Scene
 
 _SPREAD = 2.0  # spacings, where nothing else is known
-_STRINGS = 2  # ways, in which one may lead from a spot
 _TURN = np.deg2rad(15)  # of a string, half a step on
 _LEVEL = 0.1  # sine of the slope, up to which a force may be meant to be level
 _TILT = 5.0  # standard deviations, by which a tilt may change the strength of gravity
@@ -108,9 +107,9 @@ class HiddenTether(AtSpot):
         return [*held, *(replace(at, way=way, length=_size(scene)) for at in held for way in _pulled(scene, at))]
 
     def near(self, scene: Scene, place: Tied) -> Sequence[Tied]:
-        """The same tie elsewhere, and strings that lead all ways from there, or none."""
-        ways = [replace(place, way=way, length=place.length or _size(scene)) for way in ALL_AROUND]
-        return [*super().near(scene, place), *ways, *([replace(place, way=None)] if place.way else [])]
+        """The same tie elsewhere; instead of a string those that lead all other ways from there, or springs."""
+        ways = () if place.way is None else (None, *ALL_AROUND)
+        return [*super().near(scene, place), *(replace(place, way=way) for way in ways)]
 
     def courses(self, scene: Scene, place: Tied) -> Sequence[Course]:
         """A string may lead to either side, and to nearer or farther, too."""
@@ -150,12 +149,12 @@ def _size(scene: Scene) -> float:
 
 
 def _pulled(scene: Scene, place: Tied) -> list[Way]:
-    """Where a string at a spot would lead that undoes most of the residual, over how hard it pulls."""
+    """The way in which a string at a spot would undo most of the residual, over how hard it pulls, if any would."""
     spot, ways = scene.nearest(place.centre), np.array(ALL_AROUND)
     taut = np.maximum((scene.cloud.x[spot] - scene.y[:, spot]) @ ways.T, 0.0)
     undone = (taut * (scene.undone[:, spot] @ ways.T)).sum(axis=0)
     worth = undone / np.maximum(np.linalg.norm(taut, axis=0), 1e-300)
-    return distinct([ALL_AROUND[i] for i in np.argsort(-worth) if worth[i] > 0], _STRINGS)
+    return [ALL_AROUND[int(worth.argmax())]] if worth.max() > 0 else []
 
 
 class Growing(Cause):
