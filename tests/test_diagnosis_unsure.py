@@ -60,6 +60,22 @@ def test_what_leaves_clearly_more_than_a_little_that_nothing_explains_is_no_name
     assert (len(found), found[0].extended) == ((2, a.refit) if kind == "named" else (1, None))
 
 
+@pytest.mark.parametrize(("converged", "energy", "kind"), [
+    (False, 100.0, "unexplained"), (True, 100.0, "named"), (False, 15.0, "named"),
+])  # fmt: skip
+def test_what_a_fit_leaves_that_did_not_end_is_not_little(converged, energy, kind, monkeypatch):
+    """Seed 7741: a tilt left 0.4 % of a body that its own weight had folded, clearly, and nothing explained that."""
+    a = left_by("a", 0.99)
+    a = replace(a, refit=SimpleNamespace(**vars(a.refit) | {"converged": converged}))
+    a = replace(a, misfit=replace(a.misfit, energy=energy))
+    first = replace(unexplained_by(a), verdict=named(a), extended=a.refit)
+    more = replace(unexplained_by(), verdict=Verdict(kind="unexplained", causes=(), sentence=""))
+    monkeypatch.setattr(run, "_second", lambda *given: more)
+    monkeypatch.setattr(run, "widened", lambda found, *given: found)
+    found = run._rounds(first, SimpleNamespace(given=(), beside=None, modes=None, model=LASTING), [], str)
+    assert found[0].verdict.kind == kind
+
+
 @pytest.mark.parametrize(("beside", "kind"), [(None, "named"), ("unexplained", "unexplained")])
 def test_what_was_not_refitted_at_first_takes_the_place_of_what_leaves_something_that_nothing_explains(
     beside, kind, monkeypatch
