@@ -99,11 +99,14 @@ def test_a_cause_is_followed_beyond_the_first_order_while_clearly_less_is_left(l
     """From 10 on: not after a tenth or less was gained, not where more is left, and three times at most; each time from
     where it is best along its courses."""
     fits, followed = iter(leaves), []
-    cause = SimpleNamespace(name="any", closer=lambda scene, theta, place: followed.append(place) or ("place", None))
+    cause = SimpleNamespace(
+        name="any", followed=True, closer=lambda scene, theta, place: followed.append(place) or ("place", None)
+    )
 
     def tried(left: float) -> SimpleNamespace:
         tuned = SimpleNamespace(cause=cause, scene=None, theta=None, place=left, without=None, coefficients=None)
-        return SimpleNamespace(tuned=tuned, following=None, left=left, model=SimpleNamespace(effort=Effort()))
+        model = SimpleNamespace(effort=Effort())
+        return SimpleNamespace(result=tuned, tuned=tuned, following=None, left=left, model=model)
 
     def moved(result: SimpleNamespace, model: None, roams: int) -> SimpleNamespace:
         return SimpleNamespace(place=(roams, result.place), theta=None, coefficients=None)

@@ -43,13 +43,12 @@ def test_a_string_is_tried_where_one_pulls(held_back, string):
 
 def test_a_string_is_told_from_springs(held_back, model, string):  # noqa: F811
     """By its score, from where it is, and however far off in direction: springs push as well."""
-    places = HiddenTether().places(held_back)
+    places, modes = HiddenTether().places(held_back), np.eye(held_back.cloud.count)[:, :2]
     start = refit(held_back, model, np.zeros(len(model.prior)))
-    (found,) = scores_of(start, model, NOISE**2, np.eye(held_back.cloud.count)[:, :2], [(HiddenTether(), places)])[1]
-    (spring,) = scores_of(
-        start, model, NOISE**2, np.eye(held_back.cloud.count)[:, :2],
-        [(HiddenTether(), [place for place in places if place.way is None])],
-    )[1]  # fmt: skip
+    found, spring = (
+        scores_of(start, model, NOISE**2, modes, [(HiddenTether(), tried)])[1][0]
+        for tried in (places, [place for place in places if place.way is None])
+    )
     assert found.place.way is not None and found.log_bayes > spring.log_bayes + 10
     assert np.dot(found.place.way, string.way) > np.cos(np.deg2rad(45))
 
@@ -125,7 +124,3 @@ def test_ways_are_told_apart():
     assert found[0] == (1.0, 0.0, 0.0) and len(found) == 3
     assert distinct(found, 5) == [(1.0, 0.0, 0.0), found[1]]
     assert distinct(found, 1) == [(1.0, 0.0, 0.0)]
-
-
-
-

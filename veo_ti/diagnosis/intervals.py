@@ -66,9 +66,7 @@ def measured(result: Refit) -> list[tuple[Measure, float, float]]:
     before, after = ([_values(result, on(result.place, step)) for on in courses] for step in (-0.5, 0.5))
     change = np.subtract(after, before)
     sd = np.sqrt(np.einsum("cm,cd,dm->m", change, result.placed.steps, change) * result.off_place)
-    elsewhere = [
-        {m.name: m.value for m in result.cause.measures(place)} for place, _ in result.placed.elsewhere
-    ]
+    elsewhere = [{m.name: m.value for m in result.cause.measures(place)} for place, _ in result.placed.elsewhere]
     found = []
     for measure, s in zip(here, sd.tolist(), strict=True):
         ends = [*measure.interval(s), *(other[measure.name] for other in elsewhere if measure.name in other)]

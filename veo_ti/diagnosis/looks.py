@@ -158,9 +158,11 @@ def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:
     """With what the cause does beyond the first order, as long as clearly less is left with it; on its courses it may
     then be elsewhere."""
     for _ in range(_BEYOND):
+        if not tried.result.cause.followed or tried.model.effort.over:
+            break
         result, spot = tried.tuned, better_place(tried.tuned, tried.following, roams=1)
         closer = result.cause.closer(result.scene, spot.theta, spot.place)
-        if closer is None or tried.model.effort.over:
+        if closer is None:
             break
         say(f"{result.cause.name} beyond the first order")
         place, theta = closer

@@ -146,7 +146,7 @@ def _outside(scene: Scene, found: MissingForce, y: np.ndarray, radius: float) ->
     """Tails and arrows (M, 3) [m]: what pushes inwards ends at the surface, what pulls outwards begins there."""
     size = np.linalg.norm(found.force, axis=1)
     drawn = size > _SHORTEST * max(float(size.max()), 1e-300)
-    arrows = found.force[drawn] * _LONGEST * np.ptp(scene.cloud.x, axis=0).max() / max(float(size.max()), 1e-300)
+    arrows = found.force[drawn] * _LONGEST * scene.extent / max(float(size.max()), 1e-300)
     spots = found.spots[drawn]
     area = np.einsum("nba,nb->na", np.linalg.inv(scene.F[found.frame, spots]), scene.cloud.area[spots])
     normals = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)

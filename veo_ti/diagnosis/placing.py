@@ -34,8 +34,10 @@ def better_place(result: Refit, model: Model, *, roams: int = 2) -> Spot:
     place, 1 along courses only, 0 nowhere.
     """
     here, cause = Spot(place=result.place, coefficients=result.coefficients, theta=result.theta), result.cause
-    others = [*(cause.places(result.without) if cause.lags else ()), *cause.near(result.without, result.place)]
-    places = [*(others if roams > 1 else ()), *(further(result, result.place, model) if roams else ())]
+    others = []
+    if roams > 1:
+        others = [*(cause.places(result.without) if cause.lags else ()), *cause.near(result.without, result.place)]
+    places = [*others, *(further(result, result.place, model) if roams else ())]
     if not places:
         return here
     places = [result.place, *places]

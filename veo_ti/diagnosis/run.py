@@ -154,7 +154,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     promise something are refitted: another may explain it. If nothing explains it, that is no reason against another
     which leaves more, but explains nearly all as well: either may be there, beside something else. Without such
     another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little, or its
-    fit did not come to an end: a tilt passed for a prestress, 1584 standard deviations left (7741). What an exact cause
+    fit did not come to an end: a prestress passed for a tilt, 1584 standard deviations left (7741). What an exact cause
     leaves may go on like noise and be clear: then it may imitate two that act all the time.
     """
     found, more = first.verdict.causes[0], _second(first.verdict.causes[0], start, causes, say)
@@ -173,8 +173,8 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
         return both
     near = [c for c in wider.candidates if c.name != found.name and c.able and c.settled and nearly_all(c)]
     if not near:
-        ended = found.refit.converged or not found.clear
-        return [_unexplained(first)] if lost and (leaves_much(found) or not ended) else both
+        unended = found.clear and not found.refit.converged
+        return [_unexplained(first)] if lost and (leaves_much(found) or unended) else both
     unsure = replace(wider, verdict=either((found, *near)), extended=None)
     pair = _pair(unsure, start, causes, say, but=found.name)
     return pair if lost or len(pair) == 2 else both

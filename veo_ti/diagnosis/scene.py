@@ -108,6 +108,11 @@ class Scene:
         """The largest total [N]; where no force is named, what would shear a patch of one spacing by a lot."""
         return float(self.total_force.max()) or float(np.median(self.mu)) * self.cloud.spacing**2
 
+    @property
+    def extent(self) -> float:
+        """The object's longest side [m]."""
+        return float(np.ptp(self.cloud.x, axis=0).max())
+
     @cached_property
     def F(self) -> np.ndarray:
         """Deformation gradients of the simulated motion, (T, N, 3, 3)."""

@@ -43,6 +43,11 @@ class Measure:
         return (self.value / factor, self.value * factor) if self.scale else (self.value - reach, self.value + reach)
 
 
+def by_axis(name: str, unit: str, values: Sequence[float]) -> list[Measure]:
+    """One for each coordinate of a point or a direction (3,)."""
+    return [Measure(f"{name}_{axis}", unit, float(value)) for axis, value in zip("xyz", values, strict=True)]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
     """What a cause does at given parameters: terms that join the energy, and what tracking makes of the positions."""
@@ -149,6 +154,11 @@ class Cause:
     def describe(self, scene: Scene, place: Any) -> str:
         """The place in words, or nothing."""
         return ""
+
+    @property
+    def followed(self) -> bool:
+        """Whether it is followed to first order, and `closer` says what that misses."""
+        return type(self).closer is not Cause.closer
 
     @property
     def lags(self) -> bool:

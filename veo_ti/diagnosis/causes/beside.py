@@ -34,6 +34,11 @@ class Beside(Cause):
         return self.found.exact and self.other.exact
 
     @property
+    def followed(self) -> bool:
+        """Where either is."""
+        return any(cause.followed for cause, _ in self.parts)
+
+    @property
     def lags(self) -> bool:
         """Where both do."""
         return self.found.lags and self.other.lags

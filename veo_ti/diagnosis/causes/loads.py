@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.terms.handles import Handles, Strings
 from sim.terms.loads import AppliedForce
-from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter, by_axis
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
 from veo_ti.diagnosis.causes.ways import ALL_AROUND, Way, in_words
 from veo_ti.diagnosis.scene import Scene
@@ -53,8 +53,7 @@ class AtSpot(Cause):
 
     def measures(self, place: Patch) -> Sequence[Measure]:
         """Its centre and its radius."""
-        centre = [Measure(f"spot_{axis}", "m", value) for axis, value in zip("xyz", place.centre, strict=True)]
-        return (*centre, Measure("radius", "m", place.radius, scale=True))
+        return (*by_axis("spot", "m", place.centre), Measure("radius", "m", place.radius, scale=True))
 
     def patch(self, scene: Scene, place: Patch) -> np.ndarray:
         """Weights (N,) of sum 1 around the place."""
@@ -102,9 +101,9 @@ class HiddenTether(AtSpot):
         return np.array([10 * float(np.median(scene.mu)) * scene.cloud.spacing])
 
     def places(self, scene: Scene) -> Sequence[Tied]:
-        """Held from all sides, or by a string that leads where it would undo most."""
+        """Held from all sides, or by a string, about as long as the object, that leads where it would undo most."""
         held = [Tied(centre=patch.centre, radius=patch.radius) for patch in super().places(scene)]
-        return [*held, *(replace(at, way=way, length=_size(scene)) for at in held for way in _pulled(scene, at))]
+        return [*held, *(replace(at, way=way, length=scene.extent) for at in held for way in _pulled(scene, at))]
 
     def near(self, scene: Scene, place: Tied) -> Sequence[Tied]:
         """The same tie elsewhere; instead of a string those that lead all other ways from there, or springs."""
@@ -122,8 +121,7 @@ class HiddenTether(AtSpot):
 
     def measures(self, place: Tied) -> Sequence[Measure]:
         """Its spot, and where a string leads."""
-        way = zip("xyz", place.way or (), strict=False)
-        return (*super().measures(place), *(Measure(f"way_{axis}", "-", value) for axis, value in way))
+        return (*super().measures(place), *(by_axis("way", "-", place.way) if place.way else ()))
 
     def change(self, scene: Scene, theta: np.ndarray, place: Tied) -> Change:
         """Springs spread around the spot, or strings."""
@@ -141,11 +139,6 @@ class HiddenTether(AtSpot):
         if place.way is None:
             return super().describe(scene, place)
         return f"{super().describe(scene, place)}, by a string towards {in_words(place.way)}"
-
-
-def _size(scene: Scene) -> float:
-    """Of the object [m]: a string is about as long, if nothing else is known."""
-    return float(np.ptp(scene.cloud.x, axis=0).max())
 
 
 def _pulled(scene: Scene, place: Tied) -> list[Way]:

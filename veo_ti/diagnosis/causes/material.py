@@ -9,7 +9,7 @@ import numpy as np
 from sim.laws import extra as laws
 from sim.laws.extra import Fibre, GentStiffening, VolumetricChange, YeohStiffening
 from sim.terms.material import ExtraLaw
-from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter, by_axis
 from veo_ti.diagnosis.causes.courses import Course, across, turned
 from veo_ti.diagnosis.causes.ways import in_words
 from veo_ti.diagnosis.scene import Scene
@@ -152,7 +152,7 @@ class FibreAnisotropy(Cause):
 
     def measures(self, place: np.ndarray) -> Sequence[Measure]:
         """The axis."""
-        return [Measure(f"axis_{axis}", "-", float(value)) for axis, value in zip("xyz", place, strict=True)]
+        return by_axis("axis", "-", place)
 
     def change(self, scene: Scene, theta: np.ndarray, place: np.ndarray) -> Change:
         """One family of fibres along `place`."""

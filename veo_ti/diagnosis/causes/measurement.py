@@ -32,7 +32,7 @@ class CameraScale(Growing):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A hundredth; of a scale about a point as far from the middle as the object is long."""
-        return 0.01 * np.array([1.0, *[float(np.ptp(scene.cloud.x, axis=0).max())] * 3])
+        return 0.01 * np.array([1.0, *[scene.extent] * 3])
 
     def change(self, scene: Scene, theta: np.ndarray, place: str) -> Change:
         """Everything grows about the middle of the rest shape, and shifts: nobody knows about which point it grew."""

@@ -9,7 +9,7 @@ import numpy as np
 from sim.laws.reference import LinearStress
 from sim.terms.contact import Contact
 from sim.terms.shapes import Plane
-from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter
+from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter, by_axis
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
 from veo_ti.diagnosis.causes.loads import added, around
 from veo_ti.diagnosis.causes.material import extra
@@ -81,8 +81,7 @@ class HiddenContact(Cause):
 
     def measures(self, place: Wall) -> Sequence[Measure]:
         """Its gap, and the way into it."""
-        way = [Measure(f"way_{axis}", "-", value) for axis, value in zip("xyz", place.way, strict=True)]
-        return (Measure("gap", "m", place.gap, scale=True), *way)
+        return (Measure("gap", "m", place.gap, scale=True), *by_axis("way", "-", place.way))
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A hard wall: it bears the largest load, pressed in by a twentieth of the largest motion in a small patch."""
@@ -163,9 +162,8 @@ class SupportCompliance(Cause):
         """Either moves the object by a tenth of its largest motion under the largest load."""
         moved = 0.1 * float(np.linalg.norm(scene.y - scene.cloud.x, axis=2).max())
         force, moment = self._loads(scene)
-        size = float(np.ptp(scene.cloud.x, axis=0).max())
         most = [max(float(np.linalg.norm(v, axis=1).max()), 1e-300) for v in (force, moment)]
-        return np.array([moved / most[0], moved / size / most[1]])
+        return np.array([moved / most[0], moved / scene.extent / most[1]])
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """Rigid, and small: the load itself does not change."""
