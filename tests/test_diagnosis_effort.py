@@ -82,13 +82,11 @@ def test_a_fit_that_creeps_ends(measured, model, monkeypatch, short):  # noqa: F
     short ones, which do not, and for which old fingerprints serve, but not to the end."""
     costs = []
 
-    def creeping(end, cost, care, tries):
+    def creeping(end, cost, care, *, fresh):
         costs.append(cost)
-        share = 0.0025 * cost / end.way.gain if short else 1.0
-        return (end.state, 0.995 * cost), share * end.way.change, care
+        return (end.state, 0.995 * cost), short, care
 
     monkeypatch.setattr(refits, "_lower", creeping)
-    monkeypatch.setattr(refits, "_shortened", lambda end, cost, step, whole: whole)
     alone = replace(model, s2=1e-2 * model.s2, effort=Effort())
     found = refits.refit(measured, alone, np.zeros(len(model.prior)))
     assert not found.converged and found.short > 0.1 * costs[0]

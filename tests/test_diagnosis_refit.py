@@ -10,9 +10,9 @@ from sim.newton import NewtonOptions, equilibrate
 from veo_ti.diagnosis.columns import Known
 from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.problem import Problem
-from veo_ti.diagnosis.refit import _shortened, _tried, refit
+from veo_ti.diagnosis.refit import _bent, _tried, refit
 from veo_ti.diagnosis.solved import solved
-from veo_ti.diagnosis.way import Reached
+from veo_ti.diagnosis.way import Reached, cost_of
 
 MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
 
@@ -55,19 +55,20 @@ def measured(scene, model):  # noqa: F811
     return replace(scene, target=replace(scene.target, y=seen))
 
 
-def test_a_step_past_the_minimum_is_shortened_to_it(measured, model):  # noqa: F811
-    """Of twice the way that fingerprints tell; what is best there is found by trying."""
-    start = np.zeros(len(model.prior))
-    problem = Problem.of(measured, replace(model, s2=NOISE**2))
-    state = solved(problem, measured, start, np.zeros(0))
-    cost = problem.cost(state.scene, start, state.theta)
-    here = Reached.of(problem, state)
-    whole = here.way.change
-    ends = {times: _tried(here, cost, times * whole, None) for times in (0.5, 0.75, 1.0, 1.25, 2.0)}
-    assert _shortened(here, cost, whole, ends[1.0]) is ends[1.0]
-    brought = cost - _shortened(here, cost, 2 * whole, ends[2.0])[1]
-    best = cost - min(end for _, end in ends.values())
-    assert brought > 0.9 * best > 5 * (cost - ends[2.0][1])
+def test_a_step_is_bent_where_the_way_is(scene, model):  # noqa: F811
+    """No share of the step towards a softer body costs nearly as little as its end with what that asks for."""
+    alone = replace(model, s2=NOISE**2)
+    start = model.basis.stiffer(np.zeros(len(model.prior)), -0.2)
+    soft = scene.energy.with_elastic(model.basis.elastic(scene.energy.elastic, start))
+    y = equilibrate(soft, scene.y, options=NewtonOptions(tolerance=1e-10)).require_converged().y
+    measured = replace(scene, target=replace(scene.target, y=y))
+    state = solved(Problem.of(measured, alone), measured, np.zeros(len(model.prior)), np.zeros(0))
+    here = Reached.of(Problem.of(measured, alone), state)
+    cost, step = cost_of(here.line.problem, state), here.way.change
+    straight = {share: _tried(here, cost, share * step, None) for share in (0.25, 0.5, 0.75, 1.0)}
+    bent = _bent(here, cost, step, *straight[1.0])
+    assert bent[1] < 0.1 * min(end for _, end in straight.values())
+    assert _bent(here, cost, step, straight[1.0][0], 0.0) == (straight[1.0][0], 0.0)  # which costs less anyway
 
 
 @pytest.mark.parametrize("others", [0, 1])

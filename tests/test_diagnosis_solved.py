@@ -193,15 +193,17 @@ def test_a_step_without_equilibrium_is_shortened_and_one_that_costs_more_damped(
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", cost)
+    monkeypatch.setattr("veo_ti.diagnosis.refit._bent", lambda end, cost, step, trial, lower: (trial, lower))
     free = SimpleNamespace(stepped=lambda theta, change: theta, turned=lambda theta, before: False)
     here = reached(free, of_one(1.0), coefficients=np.zeros(1), theta=np.zeros(0))
-    _, step, found = _lower(here, 0.0, _Care(), 5)
-    assert tried == pytest.approx(shares) and step == tried[-1]
+    (state, _), _, found = _lower(here, 0.0, _Care(), fresh=True)
+    assert tried == pytest.approx(shares) and state.coefficients == tried[-1]
     assert asdict(found) == pytest.approx(asdict(care))
-    _, step, found = _lower(here, 0.0, found, 5)
-    assert step == tried[-2] and asdict(found) == pytest.approx(asdict(less))  # this one was possible at once
+    (state, _), _, found = _lower(here, 0.0, found, fresh=True)
+    assert state.coefficients == tried[-2] and asdict(found) == pytest.approx(asdict(less))  # it was possible at once
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: -trial.coefficients[0])
-    assert _lower(here, 0.0, _Care(), 5)[1:] == (1.0, _Care())  # Newton's own step, as long as there always is one
+    (state, _), told, found = _lower(here, 0.0, _Care(), fresh=True)
+    assert (state.coefficients, told, found) == (1.0, True, _Care())  # Newton's own step, as there always is one
 
 
 def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
@@ -214,11 +216,12 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
 
     monkeypatch.setattr("veo_ti.diagnosis.refit.solved", fake)
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: float(trial.theta[0]))
+    monkeypatch.setattr("veo_ti.diagnosis.refit._bent", lambda end, cost, step, trial, lower: (trial, lower))
     beta = StrainStiffening()
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
     way = of_one(-1.5)
     here = reached(problem, way, coefficients=np.zeros(0), theta=np.array([1.0]))
-    (state, _), _, care = _lower(here, 1.0, _Care(), 5)
+    (state, _), _, care = _lower(here, 1.0, _Care(), fresh=True)
     assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and care == _Care(damping=1.0)
     assert problem.turned(np.array([-0.1]), np.array([0.1]))
     assert not problem.turned(np.array([-0.2]), np.array([-0.1]))  # what began there may stay

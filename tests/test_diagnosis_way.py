@@ -1,9 +1,12 @@
 """The way that fingerprints tell: damped, and as far as each parameter can go."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from sim.evidence import Normal
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.history import Mullins, Softening, StiffnessDrift
 from veo_ti.diagnosis.causes.other_loads import FollowerLoad
@@ -83,6 +86,21 @@ def test_a_material_that_would_change_far_is_held_back_and_shortens_nothing_else
         constraints={"type": "ineq", "fun": lambda x: changed(step) - changed(x)}, tol=1e-12,
     ).x  # fmt: skip
     assert step == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_bent_step_takes_up_all_of_the_curvature_that_unknowns_can():
+    """Of a residual `r - X v + X w + z`, z out of reach of all unknowns, the bent step leaves `r - X v + z`."""
+    random, s2, prior = np.random.default_rng(6), 0.04, 1e6
+    X, (r, z), (at, v, w) = random.normal(size=(30, 4)), random.normal(size=(2, 30)), random.normal(size=(3, 4))
+    z -= X @ np.linalg.lstsq(X, z, rcond=None)[0]
+
+    def normal(at: np.ndarray, r: np.ndarray) -> Normal:
+        return Normal(A=X.T @ X, b=X.T @ (r + X @ at), c=float(r @ r), count=len(r))
+
+    way = replace(bowl(v, X.T @ X / s2 + np.eye(4) / prior), normal=normal(at, r))
+    there = normal(at + v, r - X @ v + X @ w + z)
+    assert way.bent(v, there, s2) == pytest.approx(v + w, abs=1e-6)
+    assert way.bent(v, normal(at + v, r - X @ v), s2) == pytest.approx(v, abs=1e-9)  # of a straight way
 
 
 @pytest.mark.parametrize(("cause", "place"), [(Softening(), Mullins(0.1)), (FollowerLoad(), None)])

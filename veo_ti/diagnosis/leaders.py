@@ -138,8 +138,10 @@ def _looked_at(
         tried.append(Tried.of(tried_once(found, current, model, say, most), model, modes, fine=False))
     enough, reached = max(_NEARLY * model.s2, IN_REACH * floor), model.s2
     for _ in range(LOOKS):
-        least, before = max(beside.rough, _nearest(beside.least, tried)), tried
-        tried = [looked(t, least, enough, modes, say) for t in before]
+        before = list(tried)
+        for n in np.argsort([t.left for t in before], kind="stable"):  # what leaves least tells which others may follow
+            least = max(beside.rough, _nearest(beside.least, tried))
+            tried[n] = looked(tried[n], least, enough, modes, say)
         again = [t for t, old in zip(tried, before, strict=True) if t is not old]
         if not again:
             break

@@ -141,14 +141,20 @@ def looked(tried: Tried, least: float, enough: float, modes: np.ndarray, say: Pr
 
 
 def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -> Tried:
-    """Fitted from a homogeneous object without the cause: the material that was fitted before the cause was known had
-    to imitate it, and a fit that starts there may creep along a valley. As it was, where that leaves more."""
+    """Fitted from a homogeneous object without the cause, or where that says: the material that was fitted before the
+    cause was known had to imitate it, and a fit that starts there may creep along a valley. As it was, where that
+    leaves more."""
     result = tried.tuned
-    say(f"{result.cause.name} anew, from a homogeneous object")
-    place, start, far = _begun(result.cause, result.place, np.zeros_like(result.coefficients), tried.model)
+    scene, cause, basis = result.without, result.cause, tried.model.basis
+    say(f"{cause.name} anew, from a homogeneous object")
+    place, start, theta = _begun(cause, result.place, np.zeros_like(result.coefficients), tried.model)
+    begun = cause.anew(scene.moved(Problem.of(scene, tried.model).energy(start), scene.y), place)
+    if begun is not None:
+        tried.model.effort.spend(begun.steps)
+        scene, start, theta = scene.moved(scene.energy, begun.y), basis.stiffer(start, begun.stiffer), begun.theta
     again = refit(
-        result.without, tried.following, start, cause=result.cause, place=place,
-        theta=np.zeros_like(result.theta) if far is None else far, rough=not fine,
+        scene, tried.following, start, cause=cause, place=place,
+        theta=np.zeros_like(result.theta) if theta is None else theta, rough=not fine,
     )  # fmt: skip
     after = tried.then(again, modes, fine=fine)
     return replace(after if after.left < tried.left else tried, anew=True)

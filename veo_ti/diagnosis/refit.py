@@ -26,7 +26,6 @@ _TRIES = 5  # of a step, ever more damped or shorter; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
-_PART = 0.8  # of a step, longer than which its best part is no other
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again, and for less care
 
 
@@ -72,9 +71,7 @@ def refit(
         hopeless = fresh and cost - _PROMISED * way.gain > most
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or hopeless:
             break
-        smaller, step, care = _lower(end, cost, care, _TRIES if fresh else _TRIES_WITH_OLD)
-        if smaller is not None and fresh:
-            smaller = _shortened(end, cost, step, smaller)
+        smaller, told, care = _lower(end, cost, care, fresh=fresh)
         brought = 0.0 if smaller is None else cost - smaller[1]
         slow += 0 < brought < (_ROUGHLY_SLOW if rough else _SLOW) * cost
         doubtful = slow == _CREEPING and not fresh
@@ -83,7 +80,7 @@ def refit(
         if stalled and fresh:
             break
         state, cost = smaller or (state, cost)
-        fresh = stalled or doubtful or not _as_told(way, step, brought)
+        fresh = stalled or doubtful or not told
         end = Reached.of(problem, state) if fresh else replace(end, state=state)
     model.checkpoints.keep(name, asked, end.arrays)
     return end.result
@@ -145,35 +142,33 @@ class _Care:
 
 
 def _lower(
-    end: Reached, cost: float, care: _Care, tries: int
-) -> tuple[tuple[Solved, float] | None, np.ndarray, _Care]:  # fmt: skip
-    """Where the first of a few ever more careful steps that lowers the cost leads, or None; the step; how careful to
-    begin with next: as much where less was too little, or brought less than was told."""
-    for k in range(tries):
+    end: Reached, cost: float, care: _Care, *, fresh: bool
+) -> tuple[tuple[Solved, float] | None, bool, _Care]:  # fmt: skip
+    """Where the first of a few ever more careful steps that lowers the cost leads, or None; whether it alone brought
+    most of what it promised; how careful to begin with next: as much where less was too little, or brought less.
+
+    Where fresh fingerprints told more than a step brings, it is bent as well.
+    """
+    for k in range(_TRIES if fresh else _TRIES_WITH_OLD):
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
+        told = not cost - lower < _KEPT * end.way.promised(step)
+        if fresh and not told and lower < np.inf:
+            trial, lower = _bent(end, cost, step, trial, lower)
         if lower < cost:
-            easy = k == 0 and _as_told(end.way, step, cost - lower)
-            return (trial, lower), step, care.less if easy else care
+            easy = k == 0 and not cost - lower < _KEPT * end.way.promised(step)
+            return (trial, lower), told, care.less if easy else care
         care = care.shorter if trial is not None and lower == np.inf else care.damped
-    return None, step, care
+    return None, False, care
 
 
-def _as_told(way: Way, step: np.ndarray, brought: float) -> bool:
-    """Whether a step brought most of what it promised."""
-    return not brought < _KEPT * way.promised(step)
-
-
-def _shortened(end: Reached, cost: float, step: np.ndarray, whole: tuple[Solved, float]) -> tuple[Solved, float]:
-    """The whole step, or the part of it that a parabola through its slope and its end says to be best: where the cost
-    curves more than its fingerprints tell, the minimum lies well before the end, and further steps do the same again.
-    """
-    slope, brought = end.way.slope(step), cost - whole[1]
-    share = slope / (2 * (slope - brought))
-    if share > _PART or share * slope / 2 < brought + LEAST:
-        return whole
-    trial, lower = _tried(end, cost, share * step, whole[0].factors)
-    return (trial, lower) if lower < whole[1] else whole
+def _bent(end: Reached, cost: float, step: np.ndarray, there: Solved, lower: float) -> tuple[Solved, float]:
+    """The end of a step, or of one that also goes where its end says that the way bends (geodesic acceleration,
+    Transtrum & Sethna 2012), if that costs less."""
+    line, way = end.line, end.way
+    bent = way.bent(step, line.normal(there.scene, there.coefficients, there.theta), line.problem.model.s2)
+    trial, cheaper = _tried(end, cost, bent, there.factors)
+    return (trial, cheaper) if cheaper < lower else (there, lower)
 
 
 def _tried(end: Reached, cost: float, step: np.ndarray, factors: DirectFactors | None) -> tuple[Solved | None, float]:

@@ -89,6 +89,11 @@ class Way:
             low, high = (middle, high) if farthest(self.log_mu, step) > most else (low, middle)
         return self._held_by(diagonal + 10**high * field)
 
+    def bent(self, step: np.ndarray, there: Normal, s2: float) -> np.ndarray:
+        """A step with what its end asks for beyond it, `r(x + v) = r - X v + r_vv / 2`: what further ones can take up
+        of r_vv; there: the data at its end, linearised by the same fingerprints."""
+        return step + np.linalg.solve(self.curvature, (there.b - self.normal.b) / s2)
+
     def _held_by(self, more: np.ndarray) -> np.ndarray:
         """The step of a curvature with so much more."""
         curvature = self.curvature + more

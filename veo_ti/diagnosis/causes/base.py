@@ -56,6 +56,16 @@ class Change:
     observe: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # y (n, N, 3), frames (n,) -> seen (n, N, 3)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Begun:
+    """Where a fit begins far from the null."""
+
+    stiffer: float  # than the object was [nats]
+    theta: np.ndarray  # (d,)
+    y: np.ndarray  # (T, N, 3) [m], the motion there
+    steps: float  # of Newton's for all frames, that it took
+
+
 Carried = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -150,6 +160,10 @@ class Cause:
     def begin(self, place: Any) -> tuple[Any, float]:
         """The place at which a fit begins, and how much stiffer the whole object is there [nats]."""
         return place, 0.0
+
+    def anew(self, scene: Scene, place: Any) -> Begun | None:
+        """Where a fit begins that crept from the null, in an object that is homogeneous; None: there again."""
+        return None
 
     def describe(self, scene: Scene, place: Any) -> str:
         """The place in words, or nothing."""

@@ -10,6 +10,7 @@ from veo_ti.diagnosis.causes import (
     material,
     measurement,
     other_loads,
+    prestress,
     surroundings,
 )
 from veo_ti.diagnosis.causes.base import Cause
@@ -38,7 +39,7 @@ CATALOGUE: tuple[Cause, ...] = (
     surroundings.HiddenContact(),
     geometry.Disconnection(),
     surroundings.SupportCompliance(),
-    surroundings.Prestress(),
+    prestress.Prestress(),
     loads.GravityDirection(),
     measurement.CameraScale(),
     measurement.CameraPose(),

@@ -1,4 +1,4 @@
-"""Causes around the object: what it bumps into, what it stands on, and the weight that its reference pose carries."""
+"""Causes around the object: what it bumps into, and what it stands on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.laws.reference import LinearStress
 from sim.terms.contact import Contact
 from sim.terms.shapes import Plane
 from veo_ti.diagnosis.causes.base import Cause, Change, Measure, Parameter, by_axis
 from veo_ti.diagnosis.causes.courses import Course, along_surface, scaled, sideways, turned
-from veo_ti.diagnosis.causes.loads import added, around
-from veo_ti.diagnosis.causes.material import extra
+from veo_ti.diagnosis.causes.loads import around
 from veo_ti.diagnosis.causes.ways import Way, distinct, ways_of
 from veo_ti.diagnosis.scene import Scene
 
@@ -183,30 +181,3 @@ class SupportCompliance(Cause):
         """Total force (T, 3) [N] and its moment about the base (T, 3) [N m] on the deformed object."""
         arms = scene.y - self._base(scene)
         return scene.forces.sum(axis=1), np.cross(arms, scene.forces).sum(axis=1)
-
-
-class Prestress(Cause):
-    """The reference pose carries the object's weight: S = S_g in it, with div S_g + rho g = 0."""
-
-    name = "prestress"
-    sentence = "The reference pose already sags under its own weight and carries stress."
-    parameters = (Parameter(name="share", unit="of the weight", sd=1.0, positive=True),)
-    needs_mass = True
-
-    def untestable(self, scene: Scene) -> str | None:
-        """It needs the direction of gravity too."""
-        reason = super().untestable(scene)
-        if reason:
-            return reason
-        return None if np.any(scene.observation.gravity) else "the measurement names no gravity"
-
-    def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
-        """The stress of the linear sag, and the weight it balances."""
-        F = scene.cloud.deformation_gradient((scene.cloud.x + scene.sag)[None])[0]
-        strain = (F + F.swapaxes(1, 2)) / 2 - np.eye(3)
-        mu, lam = (scene.energy.elastic.m[:, i, None, None] for i in (0, 1))
-        stress = 2 * mu * strain + lam * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        held = extra(scene, LinearStress, LinearStress.pack(0.0, theta[0] * stress))
-        # What this stress does to the discrete rest shape is taken as the weight, so that the reference is in balance.
-        weight = np.broadcast_to(held.terms[0].gradient(scene.cloud.x[None]), scene.y.shape)
-        return Change(terms=(*held.terms, *added(weight).terms))
