@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from veo_ti.diagnosis import looks
+from veo_ti.diagnosis.causes.base import Begun
 from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.placing import Spot
 
@@ -15,12 +16,12 @@ from veo_ti.diagnosis.placing import Spot
 def tried(monkeypatch):
     """Makes a cause that was tried at place 1 and leaves so much, where place 2 shows; later ones leave the next of
     `tried.then`; `tried.begun`: the places of all refits, and at which cost they are given up; `tried.rough`: whether
-    they are rough; `tried.started`: coefficients and theta that they start from."""
+    they are rough; `tried.started`: coefficients and theta that they start from, `tried.scenes`: where."""
     found = SimpleNamespace(place=1, coefficients=0.0, theta=0.0, without=None, evidence=lambda s2: 0.0, cost=100.0)
     found.short = 1.0
     nowhere = {"lags": False, "near": lambda *at: (), "courses": lambda *at: ()}
-    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0), **nowhere)
-    model = SimpleNamespace(s2=2.0, effort=Effort(), basis=SimpleNamespace(stiffer=lambda a, nats: a))
+    found.cause = SimpleNamespace(name="a", begin=lambda place: (place, 0.0), anew=lambda *at: None, **nowhere)
+    model = SimpleNamespace(s2=2.0, effort=Effort(), basis=SimpleNamespace(stiffer=lambda a, nats: a + nats))
     known = {"tuned": found, "following": model, "staying": 10.0}
 
     def make(left: float) -> looks.Tried:
@@ -33,12 +34,14 @@ def tried(monkeypatch):
         return looks.looked(one, 0.9, enough, None, str)
 
     def refit(scene, model, start, *, place, rough, theta, most=np.inf, **more) -> None:
+        make.scenes.append(scene)
         make.started.append((start, theta))
         make.begun.append((place, most))
         make.rough.append(rough)
 
-    make.then, make.begun, make.rough, make.started, make.again = [], [], [], [], again
+    make.then, make.begun, make.rough, make.started, make.scenes, make.again = [], [], [], [], [], again
     monkeypatch.setattr(looks, "refit", refit)
+    monkeypatch.setattr(looks, "_of_that_material", lambda scene, model, coefficients: coefficients)
     monkeypatch.setattr(looks.Tried, "of", lambda *given, **more: make(make.then.pop(0)))
     return make
 
@@ -90,6 +93,20 @@ def test_a_fit_that_crept_is_begun_anew_once_from_a_homogeneous_object_without_t
     tried.again(replace(after, fine=False))
     assert len(tried.started) == 2 and tried.started[1][0].all()
     assert not tried(0.9).crept and tried(1.1).crept
+
+
+def test_a_cause_may_say_where_it_is_begun_anew(tried):
+    """Asked in a homogeneous object, and for the effort that it spends."""
+    tried.then, one, asked = [0.8], tried(1.5), []
+    scene = SimpleNamespace(energy="bare", moved=lambda energy, y: (energy, y))
+    one.result.short, one.result.coefficients, one.result.theta, one.result.without = 3.0, np.ones(4), np.ones(1), scene
+    begun = Begun(stiffer=2.0, theta=np.full(1, 5.0), y="there", steps=7.0)
+    one.result.cause.anew = lambda even, place: asked.append((even.tolist(), place)) or begun
+    one.__dict__["spot"] = Spot(place=1, coefficients=None, theta=None)
+    tried.again(one)
+    (start, theta), *_ = tried.started
+    assert asked == [([0.0] * 4, 1)] and (start == 2).all() and theta == 5 and one.model.effort.spent == 7
+    assert tried.scenes == [("bare", "there")]
 
 
 @pytest.mark.parametrize(("leaves", "asked", "left"), [

@@ -35,7 +35,7 @@ def test_motion_is_the_one_that_its_own_history_leads_to(cause, which, scene, mo
     found = solved(problem, scene, np.zeros(len(model.prior)), theta)
     assert found.found
     energy = found.without.energy
-    change = problem.change(found.scene.of_material(energy.elastic.m), theta)
+    change = problem.change(found.scene.of_material(energy.elastic), theta)
     whole = replace(energy, terms=(*scene.energy.terms, *change.terms))
     again = equilibrate(whole, found.scene.y, options=NewtonOptions(tolerance=1e-9)).require_converged()
     assert np.sqrt(((again.y - found.scene.y) ** 2).mean()) < 0.1 * NOISE

@@ -15,6 +15,7 @@ from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.placing import Spot, better_place
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import refit
+from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.score import Score
 
 CLOSER = 0.9  # share of the variance that a cause, or none, must leave to be worth a second fit, and
@@ -148,7 +149,7 @@ def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -
     scene, cause, basis = result.without, result.cause, tried.model.basis
     say(f"{cause.name} anew, from a homogeneous object")
     place, start, theta = _begun(cause, result.place, np.zeros_like(result.coefficients), tried.model)
-    begun = cause.anew(scene.moved(Problem.of(scene, tried.model).energy(start), scene.y), place)
+    begun = cause.anew(_of_that_material(scene, tried.model, start), place)
     if begun is not None:
         tried.model.effort.spend(begun.steps)
         scene, start, theta = scene.moved(scene.energy, begun.y), basis.stiffer(start, begun.stiffer), begun.theta
@@ -158,6 +159,11 @@ def _begun_anew(tried: Tried, modes: np.ndarray, say: Progress, *, fine: bool) -
     )  # fmt: skip
     after = tried.then(again, modes, fine=fine)
     return replace(after if after.left < tried.left else tried, anew=True)
+
+
+def _of_that_material(scene: Scene, model: Model, coefficients: np.ndarray) -> Scene:
+    """The same motion in the object that coefficients (K + E,) tell of."""
+    return scene.of_material(Problem.of(scene, model).energy(coefficients).elastic)
 
 
 def beyond(tried: Tried, modes: np.ndarray, say: Progress) -> Tried:

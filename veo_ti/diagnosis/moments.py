@@ -232,7 +232,8 @@ def _all_forces(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """What every direction pushes with in chosen training frames, (n, K + directions, N, 3)."""
     units = [np.tile(unit, (scene.cloud.count, 1)) for unit in np.eye(ways.shape[2])]
-    along = [companion(scene.of_material(unit)).terms for unit in units] if companion else ()
+    alone = map(scene.energy.elastic.with_parameters, units)
+    along = [companion(scene.of_material(own)).terms for own in alone] if companion else ()
     soft = parameter_forces(scene.energy, scene.y, ways, along)
 
     def forces(local: np.ndarray) -> np.ndarray:

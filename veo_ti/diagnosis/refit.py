@@ -26,6 +26,7 @@ _TRIES = 5  # of a step, ever more damped or shorter; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
+_BENT = 0.02  # of the cost, more than which a step must bring too little to be bent
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again, and for less care
 
 
@@ -147,16 +148,17 @@ def _lower(
     """Where the first of a few ever more careful steps that lowers the cost leads, or None; whether it alone brought
     most of what it promised; how careful to begin with next: as much where less was too little, or brought less.
 
-    Where fresh fingerprints told more than a step brings, it is bent as well.
+    Where fresh fingerprints told clearly more than a step brings, it is bent as well.
     """
     for k in range(_TRIES if fresh else _TRIES_WITH_OLD):
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
-        told = not cost - lower < _KEPT * end.way.promised(step)
-        if fresh and not told and lower < np.inf:
+        promised = end.way.promised(step)
+        told = not cost - lower < _KEPT * promised
+        if fresh and not told and _BENT * cost < promised - (cost - lower) < np.inf:
             trial, lower = _bent(end, cost, step, trial, lower)
         if lower < cost:
-            easy = k == 0 and not cost - lower < _KEPT * end.way.promised(step)
+            easy = k == 0 and not cost - lower < _KEPT * promised
             return (trial, lower), told, care.less if easy else care
         care = care.shorter if trial is not None and lower == np.inf else care.damped
     return None, False, care

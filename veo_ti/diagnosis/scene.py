@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.cloud import RestCloud
+from sim.elastic import Elastic
 from sim.energy import Energy
 from sim.laws.history import Memory
 from sim.recollection import Recollection
@@ -20,6 +21,7 @@ from veo_ti.observation import Observation
 from veo_ti.scene import blown, forces_of
 
 SPOTS = 40  # places on the surface that are tried
+_AT_REST = ("vibrations", "relaxations", "sag")  # what is the material's, whatever the motion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,11 +37,16 @@ class Scene:
 
     def moved(self, energy: Energy, y: np.ndarray) -> "Scene":
         """The same measurement under another model."""
-        return replace(self, energy=energy, y=y)
+        other = replace(self, energy=energy, y=y)
+        if energy.elastic is self.energy.elastic:
+            other.__dict__.update({name: self.__dict__[name] for name in _AT_REST if name in self.__dict__})
+        return other
 
-    def of_material(self, m: np.ndarray) -> "Scene":
-        """The same motion in an object whose parameters are m (N, P)."""
-        return self._of_same_motion(energy=self.energy.with_elastic(self.energy.elastic.with_parameters(m)))
+    def of_material(self, elastic: Elastic) -> "Scene":
+        """The same motion in an object of another material."""
+        if elastic is self.energy.elastic:
+            return self
+        return self._of_same_motion(energy=self.energy.with_elastic(elastic))
 
     def under(self, forces: np.ndarray, jet: Jet | None) -> "Scene":
         """The same motion, with these as the nominal forces (T, N, 3) [N], blown by this jet."""

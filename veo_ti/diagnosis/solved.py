@@ -116,7 +116,8 @@ def _in_rounds(
     frames = np.arange(len(scene.y)) if every else np.flatnonzero(scene.train)
     solver = model.through_time if every else model.solver
     for more in reversed(range(rounds if remembers else 1)):
-        change = problem.change(scene.of_material(energy.elastic.m), theta)
+        scene = scene.of_material(energy.elastic)
+        change = problem.change(scene, theta)
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
         there = equilibrate(extended.frames(frames), scene.y[frames], options=options, solver=solver)
         model.effort.spend(there.iterations.mean())
