@@ -12,7 +12,7 @@ from veo_ti.diagnosis.effort import Effort
 from veo_ti.diagnosis.problem import Problem
 from veo_ti.diagnosis.refit import _bent, _tried, refit
 from veo_ti.diagnosis.solved import solved
-from veo_ti.diagnosis.way import Reached, cost_of
+from veo_ti.diagnosis.way import Reached, Way, cost_of
 
 MODE, CHANGE, TIMES = 2, 0.8, 4.0  # of the material, so much from the prior's mean [sd]; of the discretisation's part
 
@@ -69,6 +69,21 @@ def test_a_step_is_bent_where_the_way_is(scene, model):  # noqa: F811
     bent = _bent(here, cost, step, *straight[1.0])
     assert bent[1] < 0.1 * min(end for _, end in straight.values())
     assert _bent(here, cost, step, straight[1.0][0], 0.0) == (straight[1.0][0], 0.0)  # which costs less anyway
+
+
+def test_a_step_past_the_minimum_is_shortened_to_it_where_no_bend_is_told(measured, model, monkeypatch):  # noqa: F811
+    """Of half more than the way that fingerprints tell; what is best there is found by trying."""
+    monkeypatch.setattr(Way, "bent", lambda way, step, there, s2: step)
+    start = np.zeros(len(model.prior))
+    problem = Problem.of(measured, replace(model, s2=NOISE**2))
+    state = solved(problem, measured, start, np.zeros(0))
+    cost = problem.cost(state.scene, start, state.theta)
+    here = Reached.of(problem, state)
+    whole = here.way.change
+    ends = {times: _tried(here, cost, times * whole, None) for times in (0.5, 0.75, 1.0, 1.25, 1.5)}
+    brought = cost - _bent(here, cost, 1.5 * whole, *ends[1.5])[1]
+    best = cost - min(end for _, end in ends.values())
+    assert brought > 0.9 * best > 1.2 * (cost - ends[1.5][1]) > 0
 
 
 @pytest.mark.parametrize("others", [0, 1])

@@ -26,7 +26,7 @@ _TRIES = 5  # of a step, ever more damped or shorter; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
-_BENT = 0.02  # of the cost, more than which a step must bring too little to be bent
+_BENT, _NEAR = 0.02, 10.0  # times the cost, more and less than which a step must bring too little to be bent
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again, and for less care
 
 
@@ -150,13 +150,15 @@ def _lower(
 
     Where fresh fingerprints told clearly more than a step brings, it is bent as well.
     """
+    bends = fresh
     for k in range(_TRIES if fresh else _TRIES_WITH_OLD):
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
-        promised = end.way.promised(step)
+        promised, whole = end.way.promised(step), lower
         told = not cost - lower < _KEPT * promised
-        if fresh and not told and _BENT * cost < promised - (cost - lower) < np.inf:
+        if bends and not told and _BENT * cost < promised - cost + lower < _NEAR * cost:
             trial, lower = _bent(end, cost, step, trial, lower)
+            bends = lower < whole
         if lower < cost:
             easy = k == 0 and not cost - lower < _KEPT * promised
             return (trial, lower), told, care.less if easy else care
@@ -166,10 +168,14 @@ def _lower(
 
 def _bent(end: Reached, cost: float, step: np.ndarray, there: Solved, lower: float) -> tuple[Solved, float]:
     """The end of a step, or of one that also goes where its end says that the way bends (geodesic acceleration,
-    Transtrum & Sethna 2012), if that costs less."""
+    Transtrum & Sethna 2012), if that costs less. If not, the fingerprints tell something else than what happens: then
+    the part of the step that a parabola through its slope and its end says to be best, if that does."""
     line, way = end.line, end.way
     bent = way.bent(step, line.normal(there.scene, there.coefficients, there.theta), line.problem.model.s2)
     trial, cheaper = _tried(end, cost, bent, there.factors)
+    if not cheaper < lower and lower < cost:
+        slope = way.slope(step)
+        trial, cheaper = _tried(end, cost, slope / (2 * (slope - cost + lower)) * step, there.factors)
     return (trial, cheaper) if cheaper < lower else (there, lower)
 
 
