@@ -73,3 +73,14 @@ def test_what_it_carries_and_how_stiff_it_is_are_found_from_there_and_not_from_n
 def test_all_of_the_weight_may_be_taken_at_once_and_more_only_little_by_little():
     assert Prestress().room(np.array([0.2]), None) == pytest.approx(0.8)
     assert Prestress().room(np.array([1.5]), None) == Prestress().room(np.array([0.95]), None) < 0.2
+
+
+def test_what_is_the_materials_is_worked_out_once_for_all_its_motions(column):
+    """And again for another one: with four times the stiffness it vibrates twice as fast."""
+    column.vibrations  # noqa: B018
+    elsewhere = column.moved(column.energy, 2 * column.y)
+    assert elsewhere.vibrations is column.vibrations
+    elastic = column.energy.elastic
+    stiff = column.of_material(elastic.with_parameters(4 * elastic.m))
+    assert stiff.vibrations.omega == pytest.approx(2 * column.vibrations.omega, rel=1e-6)
+    assert stiff.y is column.y and column.of_material(elastic) is column

@@ -47,15 +47,15 @@ def refit(
     """Gauss-Newton over material, discretisation and cause from coefficients start (K + E,) and theta (d,).
 
     shift (K + E,): how the coefficients move together with theta, to first order; the step is then shortened until
-    it costs less than none. since (d,): theta before a move from another place, to which theta and shift belong; it
-    is made unless it leads to no equilibrium. History (viscous strain, damage, set) belongs to the motion that it
-    leads to, in the slopes too. The discretisation enters linearly. A step that raises the cost is damped, what the
-    data determine least most (Levenberg & Marquardt), and one that leads to no equilibrium shortened. The fingerprints
-    serve several steps; they are renewed where a step with old ones brings less than it promised. A fit that creeps, as
-    next to an instability, ends unconverged, though not by old ones. rough: to a hundredth of the cost. most: of the
-    cost, known to be had elsewhere; given up where not even a quarter more than the whole way promises leads there.
-    onward: a fit of the same that ended where this one starts, whose fingerprints serve again where they are of the
-    same points.
+    it costs less than none. since (d,): theta before a move from another place, to which theta and shift belong; it is
+    made unless it leads to no equilibrium. History (viscous strain, damage, set) belongs to the motion that it leads
+    to, in the slopes too. The discretisation enters linearly. A step that raises the cost is damped, what the data
+    determine least most (Levenberg & Marquardt), and one that leads to no equilibrium shortened; one that brings far
+    less than it promised is bent where the way is. The fingerprints serve several steps; they are renewed where a step
+    with old ones brings less than it promised. A fit that creeps, as next to an instability, ends unconverged, though
+    not by old ones. rough: to a hundredth of the cost. most: of the cost, known to be had elsewhere; given up where not
+    even a quarter more than the whole way promises leads there. onward: a fit of the same that ended where this one
+    starts, whose fingerprints serve again where they are of the same points.
     """
     theta = np.zeros(0) if cause is None else np.asarray(theta, float)
     problem, name = Problem.of(scene, model, cause, place), "" if cause is None else cause.name
