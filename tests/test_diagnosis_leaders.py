@@ -176,3 +176,21 @@ def test_a_fit_is_given_up_that_promises_far_less_than_another_reached(before, m
     else:
         assert asked == 3 * [asked[0]] and 4 * asked[0] > 2 * before
     assert [one.result.cost for one in tried] == list(costs.values())
+
+
+def test_what_leaves_least_is_looked_at_first_and_the_others_are_held_against_what_it_then_leaves(monkeypatch):
+    """In every round; the answer keeps the order of the leaders."""
+    lefts, asked = {"a": 3.0, "b": 1.0, "c": 2.0}, []
+
+    def looked(tried, least, enough, modes, say):
+        asked.append((tried.result.name, least))
+        falls = tried.result.name == "b" and tried.left == 1.0
+        return SimpleNamespace(result=tried.result, left=0.1, model=SimpleNamespace(s2=5.0)) if falls else tried
+
+    monkeypatch.setattr(leaders, "tried_once", lambda found, *_: SimpleNamespace(cost=1.0, name=found.name))
+    monkeypatch.setattr(leaders.Tried, "of", lambda r, *_, fine: SimpleNamespace(result=r, left=lefts[r.name]))
+    monkeypatch.setattr(leaders, "looked", looked)
+    given = scores(*((name, 1, 1) for name in lefts))
+    tried, reached = leaders._looked_at(given, None, SimpleNamespace(s2=9.0), 1.0, None, str, leaders.Refitted())
+    assert asked == [("b", 1.0), ("c", 0.1), ("a", 0.1), ("b", 0.1), ("c", 0.1), ("a", 0.1)]
+    assert [one.result.name for one in tried] == list("abc") and reached == 0.1
