@@ -82,7 +82,7 @@ def test_a_fit_that_creeps_ends(measured, model, monkeypatch, short):  # noqa: F
     short ones, which do not, and for which old fingerprints serve, but not to the end."""
     costs = []
 
-    def creeping(end, cost, care, *, fresh):
+    def creeping(end, cost, care, least, *, fresh):
         costs.append(cost)
         return (end.state, 0.995 * cost), short, care
 

@@ -196,13 +196,13 @@ def test_a_step_without_equilibrium_is_shortened_and_one_that_costs_more_damped(
     monkeypatch.setattr("veo_ti.diagnosis.refit._bent", lambda end, cost, step, trial, lower: (trial, lower))
     free = SimpleNamespace(stepped=lambda theta, change: theta, turned=lambda theta, before: False)
     here = reached(free, of_one(1.0), coefficients=np.zeros(1), theta=np.zeros(0))
-    (state, _), _, found = _lower(here, 0.0, _Care(), fresh=True)
+    (state, _), _, found = _lower(here, 0.0, _Care(), 0.5, fresh=True)
     assert tried == pytest.approx(shares) and state.coefficients == tried[-1]
     assert asdict(found) == pytest.approx(asdict(care))
-    (state, _), _, found = _lower(here, 0.0, found, fresh=True)
+    (state, _), _, found = _lower(here, 0.0, found, 0.5, fresh=True)
     assert state.coefficients == tried[-2] and asdict(found) == pytest.approx(asdict(less))  # it was possible at once
     monkeypatch.setattr("veo_ti.diagnosis.refit.cost_of", lambda problem, trial: -trial.coefficients[0])
-    (state, _), told, found = _lower(here, 0.0, _Care(), fresh=True)
+    (state, _), told, found = _lower(here, 0.0, _Care(), 0.5, fresh=True)
     assert (state.coefficients, told, found) == (1.0, True, _Care())  # Newton's own step, as there always is one
 
 
@@ -221,7 +221,7 @@ def test_what_must_be_positive_is_never_tried_otherwise(monkeypatch):
     problem = Problem(model=SimpleNamespace(), base=None, cause=beta, place=None, prior=np.ones(1))
     way = of_one(-1.5)
     here = reached(problem, way, coefficients=np.zeros(0), theta=np.array([1.0]))
-    (state, _), _, care = _lower(here, 1.0, _Care(), fresh=True)
+    (state, _), _, care = _lower(here, 1.0, _Care(), 0.5, fresh=True)
     assert tried == pytest.approx([1 - 1.5 / 2]) == state.theta and care == _Care(damping=1.0)
     assert problem.turned(np.array([-0.1]), np.array([0.1]))
     assert not problem.turned(np.array([-0.2]), np.array([-0.1]))  # what began there may stay

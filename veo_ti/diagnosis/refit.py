@@ -26,7 +26,7 @@ _TRIES = 5  # of a step, ever more damped or shorter; and
 _TRIES_WITH_OLD = 2  # with old fingerprints
 _PROMISED = 1.25  # times what its whole way promises, that a fit may bring
 _HOPELESS = 3.0  # times the cost, more than which no trial on its way that ends below it costs
-_BENT, _NEAR = 0.02, 10.0  # times the cost, more and less than which a step must bring too little to be bent
+_NEAR = 10.0  # times the cost, more than which a step may not bring too little to be bent
 _KEPT = 0.7  # share of the promised gain that a step must bring for its fingerprints to serve again, and for less care
 
 
@@ -72,7 +72,7 @@ def refit(
         hopeless = fresh and cost - _PROMISED * way.gain > most
         if way.gain < least or way.broken(cost) or made == _STEPS or slow == _CREEPING or hopeless:
             break
-        smaller, told, care = _lower(end, cost, care, fresh=fresh)
+        smaller, told, care = _lower(end, cost, care, least, fresh=fresh)
         brought = 0.0 if smaller is None else cost - smaller[1]
         slow += 0 < brought < (_ROUGHLY_SLOW if rough else _SLOW) * cost
         doubtful = slow == _CREEPING and not fresh
@@ -143,12 +143,12 @@ class _Care:
 
 
 def _lower(
-    end: Reached, cost: float, care: _Care, *, fresh: bool
+    end: Reached, cost: float, care: _Care, least: float, *, fresh: bool
 ) -> tuple[tuple[Solved, float] | None, bool, _Care]:  # fmt: skip
     """Where the first of a few ever more careful steps that lowers the cost leads, or None; whether it alone brought
     most of what it promised; how careful to begin with next: as much where less was too little, or brought less.
 
-    Where fresh fingerprints told clearly more than a step brings, it is bent as well.
+    Where fresh fingerprints told at least so much more [nats] than a step brings, it is bent as well.
     """
     bends = fresh
     for k in range(_TRIES if fresh else _TRIES_WITH_OLD):
@@ -156,7 +156,7 @@ def _lower(
         trial, lower = _tried(end, cost, step, end.state.factors)
         promised, whole = end.way.promised(step), lower
         told = not cost - lower < _KEPT * promised
-        if bends and not told and _BENT * cost < promised - cost + lower < _NEAR * cost:
+        if bends and not told and least < promised - cost + lower < _NEAR * cost:
             trial, lower = _bent(end, cost, step, trial, lower)
             bends = lower < whole
         if lower < cost:
