@@ -14,7 +14,7 @@ from veo_ti.diagnosis.model import Model, change_of, shown_by
 from veo_ti.diagnosis.moments import Fingerprints
 from veo_ti.diagnosis.problem import Line
 from veo_ti.diagnosis.scene import Scene
-from veo_ti.diagnosis.solved import NEWTON, Solved, with_frames
+from veo_ti.diagnosis.solved import NEWTON, Solved
 
 OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
 _EXACTLY = 0.02  # instead of that, of what an exact cause does
@@ -196,5 +196,5 @@ def everywhere(found: Refit) -> Refit:
     if len(frames) == 0 or (found.cause is not None and found.cause.spans):
         return found
     there = equilibrate(scene.energy.frames(frames), scene.y[frames], options=replace(NEWTON, iterations=60))
-    y = with_frames(scene.y, frames, there.y)
+    y = scene.with_frames(frames, there.y)
     return replace(found, scene=scene.moved(scene.energy, y), without=found.without.moved(found.without.energy, y))

@@ -155,15 +155,20 @@ def _lower(
         step = care.step(end.way)
         trial, lower = _tried(end, cost, step, end.state.factors)
         promised, whole = end.way.promised(step), lower
-        told = not cost - lower < _KEPT * promised
+        told = _as_told(promised, cost - lower)
         if bends and not told and least < promised - cost + lower < _NEAR * cost:
             trial, lower = _bent(end, cost, step, trial, lower)
             bends = lower < whole
         if lower < cost:
-            easy = k == 0 and not cost - lower < _KEPT * promised
+            easy = k == 0 and _as_told(promised, cost - lower)
             return (trial, lower), told, care.less if easy else care
         care = care.shorter if trial is not None and lower == np.inf else care.damped
     return None, False, care
+
+
+def _as_told(promised: float, brought: float) -> bool:
+    """Whether a step brought most of what it promised."""
+    return not brought < _KEPT * promised
 
 
 def _bent(end: Reached, cost: float, step: np.ndarray, there: Solved, lower: float) -> tuple[Solved, float]:

@@ -37,27 +37,34 @@ class Scene:
 
     def moved(self, energy: Energy, y: np.ndarray) -> "Scene":
         """The same measurement under another model."""
-        other = replace(self, energy=energy, y=y)
-        if energy.elastic is self.energy.elastic:
-            other.__dict__.update({name: self.__dict__[name] for name in _AT_REST if name in self.__dict__})
-        return other
+        return self._with(energy=energy, y=y)
 
     def of_material(self, elastic: Elastic) -> "Scene":
         """The same motion in an object of another material."""
         if elastic is self.energy.elastic:
             return self
-        return self._of_same_motion(energy=self.energy.with_elastic(elastic))
+        return self._with(energy=self.energy.with_elastic(elastic))
 
     def under(self, forces: np.ndarray, jet: Jet | None) -> "Scene":
         """The same motion, with these as the nominal forces (T, N, 3) [N], blown by this jet."""
-        other = self._of_same_motion(told=(forces, jet))
+        other = self._with(told=(forces, jet))
         other.__dict__.update(_told_area=self._told_area)  # the measurement's, whatever is told instead
         return other
 
-    def _of_same_motion(self, **changes: Any) -> "Scene":
+    def _with(self, **changes: Any) -> "Scene":
+        """Keeps what was worked out for the motion or the material, where that is the same."""
         other = replace(self, **changes)
-        other.__dict__.update(F=self.F, _recollections=self._recollections)
+        if other.y is self.y:
+            other.__dict__.update(F=self.F, _recollections=self._recollections)
+        if other.energy.elastic is self.energy.elastic:
+            other.__dict__.update({name: self.__dict__[name] for name in _AT_REST if name in self.__dict__})
         return other
+
+    def with_frames(self, frames: np.ndarray, there: np.ndarray) -> np.ndarray:
+        """The motion (T, N, 3) [m] with other positions there (n, N, 3) in some frames (n,)."""
+        y = self.y.copy()
+        y[frames] = there
+        return y
 
     def recollection(self, name: Hashable, memory: Callable[[], Memory]) -> Recollection:
         """What a material with this memory keeps of the motion; worked out once under a name."""

@@ -121,7 +121,7 @@ def _in_rounds(
         extended = replace(energy, terms=(*problem.base.terms, *change.terms))
         there = equilibrate(extended.frames(frames), scene.y[frames], options=options, solver=solver)
         model.effort.spend(there.iterations.mean())
-        y = with_frames(scene.y, frames, there.y)
+        y = scene.with_frames(frames, there.y)
         at, failed = scene.moved(extended, y), frames[[s is not Status.CONVERGED for s in there.status]]
         tried, reached = [*tried, scene.y][-_DEPTH:], [*reached, y][-_DEPTH:]
         settled, found = np.sqrt(((y - scene.y) ** 2).mean()) < still, not scene.train[failed].any()
@@ -130,13 +130,6 @@ def _in_rounds(
         mixed = at.moved(extended, _mixed(tried, reached))
         scene = mixed if np.linalg.det(mixed.F).min() > 0 else at
     return at, found
-
-
-def with_frames(y: np.ndarray, frames: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Positions y (T, N, 3) with those of some frames replaced."""
-    y = y.copy()
-    y[frames] = there
-    return y
 
 
 def _remembers(problem: Problem) -> bool:

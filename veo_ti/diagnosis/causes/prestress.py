@@ -41,19 +41,17 @@ class Prestress(Cause):
         strain, theta, frames = np.abs(_sagging(scene)).max(), np.ones(1), np.flatnonzero(scene.train)
         weight, elastic = self.change(scene, theta, place).terms, scene.energy.elastic
         target = scene.target.frames(frames)
-        begun, least, steps = None, np.inf, 0.0
+        best, least, steps = None, np.inf, 0.0
         y = np.repeat(scene.cloud.x[None], len(frames), axis=0)
         for stiffer in np.arange(np.log(strain / _HARDLY), 0.0, -_SOFTER):
             energy = scene.energy.with_elastic(elastic.with_parameters(np.exp(stiffer) * elastic.m))
             found = equilibrate(replace(energy, terms=(*energy.terms, *weight)).frames(frames), y, options=_ROUGHLY)
             steps += float(found.iterations.mean())
-            y, left = found.y, target.rms(found.y)
+            left = target.rms(found.y)
             if not found.converged or left > least:
                 break
-            moved = scene.y.copy()
-            moved[frames] = y
-            least, begun = left, Begun(stiffer=float(stiffer), theta=theta, y=moved, steps=0.0)
-        return None if begun is None else replace(begun, steps=steps)
+            y, least, best = found.y, left, float(stiffer)
+        return None if best is None else Begun(stiffer=best, theta=theta, y=scene.with_frames(frames, y), steps=steps)
 
     def room(self, theta: np.ndarray, place: Any) -> np.ndarray:
         """Up to the whole weight; more only little by little, since a stiffer object that carries more leaves nearly as
