@@ -13,7 +13,7 @@ from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.courses import along_surface, turned
 from veo_ti.diagnosis.causes.loads import HiddenForce, HiddenTether, Patch
-from veo_ti.diagnosis.causes.material import FibreAnisotropy
+from veo_ti.diagnosis.causes.material import Family, FibreAnisotropy
 from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.causes.surroundings import HiddenContact, Wall
 from veo_ti.diagnosis.intervals import measured, unsure_of_place
@@ -206,4 +206,4 @@ def test_an_axis_turns_by_the_angle():
     ends = np.array([on(way, 1.0) for on in turned(way, 0.1)])
     assert ends @ way == pytest.approx(np.full(2, np.cos(0.1)))
     assert np.linalg.norm(ends, axis=1) == pytest.approx(np.ones(2))
-    assert len(FibreAnisotropy().courses(None, way)) == 2
+    assert len(FibreAnisotropy().courses(None, Family(axis=tuple(way)))) == 2

@@ -23,7 +23,7 @@ from sim.terms.material import ExtraLaw
 
 LARGEST = {  # of the parameters, each drawn from half of it up
     YeohStiffening: (2.0, 3.0), GentStiffening: (2.0, 0.3), VolumetricChange: (2.0, 1.0),
-    TensionCompression: (2.0, 3.0), Fibre: (2.0, 3.0, 0.6, -0.7, 0.4), NeoHookean: (2.0, 3.0),
+    TensionCompression: (2.0, 3.0), Fibre: (2.0, 3.0, 0.6, -0.7, 0.4, 1.0), NeoHookean: (2.0, 3.0),
     LinearStress: (1.0, 0.6, -0.4, 0.4, 0.2, -0.2, 0.4),
 }  # fmt: skip
 TERMS = {law.__name__: (law, False) for law in LARGEST} | {"stabilised": (NeoHookean, True)}
@@ -209,7 +209,7 @@ def uniform(law, *values: float) -> ExtraLaw:
 
 @pytest.mark.parametrize("law, strength", [(YeohStiffening, 50.0), (GentStiffening, 40.0), (Fibre, 3.0)])
 def test_stiffened_bar_moves_less(law, strength):
-    axis = (1.0, 0.0, 0.0) if law is Fibre else ()
+    axis = (1.0, 0.0, 0.0, 1.0) if law is Fibre else ()
     plain, stiff = solved(bar()), solved(bar(uniform(law, 2.0, strength, *axis)))
     moved = [np.linalg.norm(y - body().cloud.x, axis=2).max(axis=1) for y in (plain, stiff)]
     assert moved[0][0] > 0.1  # [m] on a bar of one

@@ -2,7 +2,7 @@
 
 `I = I_c - 3 - 2 ln J` is twice the Neo-Hookean energy at mu = 1, lam = 0, `B = F - F^-T` its stress; I and B vanish at
 rotations only. `E = (F^T F - 1) / 2` is the Green strain. All are isotropic but for `Fibre`; all are linear in their
-parameters but for `GentStiffening.g`, the fibre's axis and the product of two parameters.
+parameters but for `GentStiffening.g`, the fibre's axis and products of two parameters.
 """
 
 import taichi as ti
@@ -140,35 +140,45 @@ def _lengthening(a, b):
     return (b - a).dot(b + a)
 
 
-class Fibre:
-    """`psi = mu k/2 (|F a|^2 - |a|^2)^2`: mu [Pa], k [-], null 0, and the axis a at rest, a unit vector.
+@ti.func
+def _share(s, push):
+    """Of their stiffness, with which fibres resist s."""
+    return ti.select(s < 0, push, 1.0)
 
-    With s = |F a|^2 - |a|^2: `P = 2 mu k s (F a) a^T`, `dP[W] = 2 mu k (2 (Fa.Wa) F a + s W a) a^T`. Stiff along a
-    (k > 0), in tension and in compression.
+
+class Fibre:
+    """`psi = mu k/2 h s^2`, s = |F a|^2 - |a|^2, h = 1 where the fibres are pulled and `push` where they are pressed:
+    mu [Pa], k [-], null 0, the axis a at rest, a unit vector, and push [-], 1, or 0 of fibres that then buckle
+    (Holzapfel, Gasser & Ogden 2000).
+
+    `P = 2 mu k h s (F a) a^T`, `dP[W] = 2 mu k h (2 (Fa.Wa) F a + s W a) a^T`. Stiff along a (k > 0).
     """
 
-    parameters = ("mu", "k", "ax", "ay", "az")
+    parameters = ("mu", "k", "ax", "ay", "az", "push")
 
     @staticmethod
     @ti.func
     def psi(F, m: ti.template(), i):
         a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
-        return 0.5 * m[i, 0] * m[i, 1] * _lengthening(a, F @ a) ** 2
+        s = _lengthening(a, F @ a)
+        return 0.5 * m[i, 0] * m[i, 1] * _share(s, m[i, 5]) * s**2
 
     @staticmethod
     @ti.func
     def piola(F, m: ti.template(), i):
         a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
         b = F @ a
-        return (2.0 * m[i, 0] * m[i, 1] * _lengthening(a, b)) * b.outer_product(a)
+        s = _lengthening(a, b)
+        return (2.0 * m[i, 0] * m[i, 1] * _share(s, m[i, 5]) * s) * b.outer_product(a)
 
     @staticmethod
     @ti.func
     def dpiola(F, W, m: ti.template(), i):
         a = ti.Vector([m[i, 2], m[i, 3], m[i, 4]])
         b, c = F @ a, W @ a
-        change = (2.0 * b.dot(c)) * b + _lengthening(a, b) * c
-        return (2.0 * m[i, 0] * m[i, 1]) * change.outer_product(a)
+        s = _lengthening(a, b)
+        change = (2.0 * b.dot(c)) * b + s * c
+        return (2.0 * m[i, 0] * m[i, 1] * _share(s, m[i, 5])) * change.outer_product(a)
 
 
 class TensionCompression:

@@ -126,39 +126,51 @@ class TensionCompression(Cause):
         return extra(scene, laws.TensionCompression, np.stack([scene.mu, np.full_like(scene.mu, theta[0])], axis=1))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """Fibres along an axis, which push where they are pressed, or buckle."""
+
+    axis: tuple[float, ...]
+    pushes: bool = True
+
+
 class FibreAnisotropy(Cause):
-    """psi += mu k / 2 (|F a|^2 - 1)^2."""
+    """psi += mu k / 2 (|F a|^2 - 1)^2, everywhere or only where |F a| > 1."""
 
     name = "fibre_anisotropy"
     sentence = "The material is stiffer along one direction, as with fibres."
     parameters = (Parameter(name="stiffness", unit="-", sd=1.0, positive=True),)
     material = True
 
-    def places(self, scene: Scene) -> Sequence[np.ndarray]:
-        """Axes spread over the half sphere (Fibonacci points)."""
+    def places(self, scene: Scene) -> Sequence[Family]:
+        """Both kinds along axes spread over the half sphere (Fibonacci points)."""
         i = np.arange(AXES) + 0.5
         z, turn = 1 - i / AXES, np.pi * (1 + 5**0.5) * i
-        return list(np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1))
+        axes = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+        return [Family(axis=tuple(axis), pushes=pushes) for pushes in (True, False) for axis in axes.tolist()]
 
-    def near(self, scene: Scene, place: np.ndarray) -> Sequence[np.ndarray]:
-        """Axes in a ring around it, half as far as the next one."""
-        turns, sides = np.pi * np.arange(8) / 4, across(place)
-        axes = place + _BETWEEN * (np.cos(turns)[:, None] * sides[0] + np.sin(turns)[:, None] * sides[1])
-        return list(axes / np.linalg.norm(axes, axis=1)[:, None])
+    def near(self, scene: Scene, place: Family) -> Sequence[Family]:
+        """Axes in a ring around it, half as far as the next one; and the other kind."""
+        turns, (one, other) = np.pi * np.arange(8) / 4, across(place.axis)
+        ring = place.axis + _BETWEEN * (np.cos(turns)[:, None] * one + np.sin(turns)[:, None] * other)
+        axes = (ring / np.linalg.norm(ring, axis=1)[:, None]).tolist()
+        return [*(replace(place, axis=tuple(axis)) for axis in axes), replace(place, pushes=not place.pushes)]
 
-    def courses(self, scene: Scene, place: np.ndarray) -> Sequence[Course]:
+    def courses(self, scene: Scene, place: Family) -> Sequence[Course]:
         """Axes that turn about two others."""
-        return [lambda at, steps, on=on: np.array(on(at, steps)) for on in turned(place, _BETWEEN)]
+        return [
+            lambda at, steps, on=on: replace(at, axis=on(at.axis, steps)) for on in turned(place.axis, _BETWEEN)
+        ]  # fmt: skip
 
-    def measures(self, place: np.ndarray) -> Sequence[Measure]:
+    def measures(self, place: Family) -> Sequence[Measure]:
         """The axis."""
-        return by_axis("axis", "-", place)
+        return by_axis("axis", "-", place.axis)
 
-    def change(self, scene: Scene, theta: np.ndarray, place: np.ndarray) -> Change:
-        """One family of fibres along `place`."""
-        m = np.concatenate([scene.mu[:, None], np.tile([theta[0], *place], (len(scene.mu), 1))], axis=1)
-        return extra(scene, Fibre, m)
+    def change(self, scene: Scene, theta: np.ndarray, place: Family) -> Change:
+        """One family of fibres."""
+        alike = np.tile([theta[0], *place.axis, float(place.pushes)], (len(scene.mu), 1))
+        return extra(scene, Fibre, np.concatenate([scene.mu[:, None], alike], axis=1))
 
-    def describe(self, scene: Scene, place: np.ndarray) -> str:
-        """The axis."""
-        return f"along {in_words(place)}"
+    def describe(self, scene: Scene, place: Family) -> str:
+        """The axis, and which kind."""
+        return f"along {in_words(place.axis)}" + ("" if place.pushes else ", which buckle where they are pressed")
