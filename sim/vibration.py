@@ -1,5 +1,6 @@
 """Free vibrations about the rest shape, and how they follow a slow motion that excites them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ class Vibrations:
     omega: np.ndarray  # (K,) [rad/s], ascending
     shapes: np.ndarray  # (K, N, 3) [kg^-1/2]
     mass: np.ndarray  # (N,) [kg]
+    answers: Callable[[np.ndarray], np.ndarray]  # static ones (M, N, 3) [m] to forces (M, N, 3) [N]
 
     @classmethod
     def of(cls, energy: Energy, mass: np.ndarray, count: int = 24) -> "Vibrations":
@@ -41,9 +43,14 @@ class Vibrations:
             factor = layout.factor(blocks)
 
             def solve(right: np.ndarray) -> np.ndarray:
-                full = np.zeros(len(weights))
+                full = np.zeros((len(weights), *right.shape[1:]))
                 full[free] = right
                 return factor.solve(full)[free]
+
+            def answers(forces: np.ndarray) -> np.ndarray:
+                u = np.zeros_like(forces).reshape(len(forces), -1)
+                u[:, free] = solve(forces.reshape(u.shape).T[free]).T
+                return u.reshape(forces.shape)
 
             size = (len(free), len(free))
             stiffness = layout.matrix(blocks)[free][:, free]
@@ -53,7 +60,7 @@ class Vibrations:
             )  # fmt: skip
         shapes = np.zeros((count, len(weights)))
         shapes[:, free] = vectors.T
-        return cls(omega=np.sqrt(values), shapes=shapes.reshape(count, -1, 3), mass=mass)
+        return cls(omega=np.sqrt(values), shapes=shapes.reshape(count, -1, 3), mass=mass, answers=answers)
 
     def coordinates(self, displacement: np.ndarray) -> np.ndarray:
         """`phi^T M u` of a motion u (T, N, 3) [m], (T, K)."""
@@ -63,39 +70,21 @@ class Vibrations:
         """The motion (T, N, 3) [m] of modal coordinates (T, K)."""
         return np.einsum("tk,kna->tna", coordinates, self.shapes, optimize=True)
 
-    def lag(
-        self, displacement: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray,
-        smooth: bool = False,
-    ) -> np.ndarray:  # fmt: skip
-        """What inertia adds to the coordinates p of a quasi-static motion u (T, N, 3) [m] that starts at rest, (T, K).
+    def changed(self, elastic: Elastic, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`phi_k^T dK phi_l` (K, K) [s^-2] of a small change of the elastic parameters (N, P), and `-K^-1 dK phi_k` but
+        for what lies among the modes, (K, N, 3) [kg^-1/2], both to first order.
 
-        Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the
-        mass, the damping ratio zeta, one for all or one a mode, and p linear or `smooth` between frames (see `finer`);
-        x - p is returned. Exact in time, linear about the rest shape and in u. No mass, no lag.
-        """
-        p = self.coordinates(displacement)
-        if not inertia > 0:
-            return np.zeros_like(p)
-        return follow(self.omega / np.sqrt(inertia), damping, p, time, smooth=smooth) - p
-
-    def delay(self, displacement: np.ndarray, time: np.ndarray, *, drag: float, smooth: bool = False) -> np.ndarray:
-        """What a drag `-drag m_i v_i` adds to the coordinates of a quasi-static motion u (T, N, 3) [m], (T, K).
-
-        drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
-        """
-        p = self.coordinates(displacement)
-        return relax(self.omega**2 / drag, p, time, smooth=smooth) - p if drag > 0 else np.zeros_like(p)
-
-    def stiffness(self, elastic: Elastic, change: np.ndarray) -> np.ndarray:
-        """`phi_k^T dK phi_l`, (K, K) [s^-2], under a small change of the elastic parameters (N, P), to first order.
-
-        dK phi is the gradient's slope along phi at rest. On the diagonal it is `2 omega d omega`; the others say how
-        much of each mode joins another one.
+        dK phi is the gradient's slope along phi at rest. On the diagonal the first is `2 omega d omega`; the others say
+        how much of each mode joins another one. The second is what joins it of the modes that are not among them, as if
+        those were far faster.
         """
         step = _SLIGHT * elastic.cloud.spacing / np.abs(self.shapes).max()
         softer = elastic.with_parameters(change)
         ahead, behind = (softer.gradient(elastic.cloud.x + s * step * self.shapes) for s in (1, -1))
-        return np.einsum("kna,lna->kl", self.shapes, ahead - behind, optimize=True) / (2 * step)
+        pushed = (ahead - behind) / (2 * step)
+        outward = -self.answers(pushed)
+        outward -= self.motion(self.coordinates(outward))
+        return np.einsum("kna,lna->kl", self.shapes, pushed, optimize=True), outward
 
 
 def finer(p: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,6 +96,31 @@ def finer(p: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return CubicSpline(time, p, axis=0)(at), at
 
 
+def lag(
+    omega: np.ndarray, p: np.ndarray, time: np.ndarray, *, inertia: float, damping: float | np.ndarray,
+    smooth: bool = False,
+) -> np.ndarray:  # fmt: skip
+    """What inertia adds to the coordinates p (T, K) of a quasi-static motion that starts at rest, (T, K).
+
+    Every mode obeys `s x'' + 2 zeta sqrt(s) omega x' + omega^2 (x - p) = 0` with the share s = `inertia` of the mass,
+    the damping ratio zeta, one for all or one a mode, and p linear or `smooth` between frames (see `finer`); x - p is
+    returned. Exact in time, linear about the rest shape and in p. No mass, no lag. Other shapes as in `follow`.
+    """
+    if not inertia > 0:
+        return np.zeros((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(omega))))
+    return follow(omega / np.sqrt(inertia), damping, p, time, smooth=smooth) - p
+
+
+def delay(omega: np.ndarray, p: np.ndarray, time: np.ndarray, *, drag: float, smooth: bool = False) -> np.ndarray:
+    """What a drag `-drag m_i v_i` adds to the coordinates p (T, K) of a quasi-static motion, (T, K).
+
+    drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
+    """
+    if not drag > 0:
+        return np.zeros((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(omega))))
+    return relax(omega**2 / drag, p, time, smooth=smooth) - p
+
+
 def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray, *, smooth: bool = False) -> np.ndarray:
     """`x' = rate (p - x)`, rate [1/s], at rest at the first frame, (T, K); p (T, K) linear between times (T,) [s].
 
@@ -114,7 +128,7 @@ def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray, *, smooth: bool = F
     """
     if smooth and len(time) > 1:
         return relax(rate, *finer(p, time))[::FINER]
-    x = np.empty_like(p)
+    x = np.empty((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(rate))))
     x[0] = p[0]
     for t, h in enumerate(np.diff(time)):
         behind = (p[t + 1] - p[t]) / h / rate

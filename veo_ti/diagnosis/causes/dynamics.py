@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.vibration import Vibrations, follow
+from sim.vibration import delay, follow, lag
 from veo_ti.diagnosis.causes.base import Carried, Cause, Change, Measure, Parameter
 from veo_ti.diagnosis.causes.courses import Course, scaled
 from veo_ti.diagnosis.causes.lagging import Response, behind, further
@@ -102,9 +102,9 @@ class Inertia(Cause):
             beyond = 0.0 if place.swings is None else theta[0] / place.swings.share * place.swings.beyond
             return behind(scene, scene.vibrations, _lag(theta[0], place), beyond)
         modes, u, less = scene.vibrations, scene.y - scene.cloud.x, np.exp(-place.stiffer)
-        stiff = replace(modes, omega=modes.omega / np.sqrt(less))
-        lagging = modes.motion(_lag(theta[0], place)(stiff, less * u, scene.time))
-        added = theta[0] / place.share * (less - 1) * u + lagging
+        omega = modes.omega / np.sqrt(less)
+        lagging = _lag(theta[0], place)(less * modes.coordinates(u), scene.time, omega, omega[0])
+        added = theta[0] / place.share * (less - 1) * u + modes.motion(lagging)
         return Change(observe=lambda y, frames: y + added[frames])
 
     def carried(self, scene: Scene, theta: np.ndarray, place: Ring) -> Carried:
@@ -113,7 +113,8 @@ class Inertia(Cause):
 
     def closer(self, scene: Scene, theta: np.ndarray, place: Ring) -> tuple[Ring, np.ndarray] | None:
         """What the full simulation adds to the linear vibrations, and the share that is then as slow."""
-        swings = Swings.of(scene, float(theta[0]), _ratios(scene.vibrations, place), smooth=place.smooth)
+        omega = scene.vibrations.omega
+        swings = Swings.of(scene, float(theta[0]), _ratios(omega, omega[0], place), smooth=place.smooth)
         return None if swings is None else (replace(place, swings=swings), theta * place.slower / swings.slower)
 
     def elsewhere(self, scene: Scene, place: Ring) -> Ring:
@@ -176,16 +177,16 @@ class Damping(Cause):
 
 
 def _lag(share: float, place: Ring) -> Response:
-    def response(modes: Vibrations, u: np.ndarray, time: np.ndarray) -> np.ndarray:
-        ratios = _ratios(modes, place)
-        return modes.lag(u, time, inertia=share * place.slower, damping=ratios, smooth=place.smooth)
+    def response(p: np.ndarray, time: np.ndarray, omega: np.ndarray, slowest: float) -> np.ndarray:
+        ratios = _ratios(omega, slowest, place)
+        return lag(omega, p, time, inertia=share * place.slower, damping=ratios, smooth=place.smooth)
 
     return response
 
 
-def _ratios(modes: Vibrations, place: Ring) -> np.ndarray:
-    """The damping ratio of every vibration, (K,)."""
-    return place.ratio * (modes.omega / modes.omega[0]) ** place.power
+def _ratios(omega: np.ndarray, slowest: float, place: Ring) -> np.ndarray:
+    """The damping ratio of every vibration, of the shape of omega."""
+    return place.ratio * (omega / slowest) ** place.power
 
 
 def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
@@ -195,7 +196,8 @@ def _in_step(scene: Scene, rings: Sequence[Ring]) -> list[Ring]:
     omega, p = np.exp(tuned / 2)[:, None] * modes.omega, modes.coordinates(scene.y - scene.cloud.x)
     found = []
     for ring in rings:
-        x = follow(omega, _ratios(modes, ring), p[:, None], scene.time, smooth=ring.smooth)
+        ratios = _ratios(modes.omega, modes.omega[0], ring)
+        x = follow(omega, ratios, p[:, None], scene.time, smooth=ring.smooth)
         slope, curve = seen.parabola(x - p[:, None])
         kappa = np.exp(-tuned) if known else np.clip(slope / curve, np.exp(-_FAR), np.exp(_FAR))
         best = int(np.argmin(curve * kappa**2 - 2 * slope * kappa))
@@ -235,4 +237,4 @@ class _Seen:
 
 
 def _delay(drag: float, place: Flow) -> Response:
-    return lambda modes, u, time: modes.delay(u, time, drag=drag, smooth=place.smooth)
+    return lambda p, time, omega, slowest: delay(omega, p, time, drag=drag, smooth=place.smooth)

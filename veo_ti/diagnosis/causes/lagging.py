@@ -1,7 +1,6 @@
 """What an object shows that follows its quasi-static motion through vibrations or relaxations, and how that changes."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -9,33 +8,41 @@ from sim.vibration import Vibrations
 from veo_ti.diagnosis.causes.base import Carried, Change
 from veo_ti.diagnosis.scene import Scene
 
-Response = Callable[[Vibrations, np.ndarray, np.ndarray], np.ndarray]  # modes, u (T, N, 3), time -> coordinates (T, K)
+# Coordinates p (T, ...) at times (T,), frequencies that follow them, and the slowest of the object -> x - p (T, ...).
+Response = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 
 _BIT = 1e-4  # of a frequency, by which it is changed to see what follows
 
 
 def behind(scene: Scene, modes: Vibrations, response: Response, beyond: np.ndarray | float = 0.0) -> Change:
     """What tracking shows of a motion that is followed with a delay, and of what lies beyond the linear response."""
-    added = modes.motion(response(modes, scene.y - scene.cloud.x, scene.time)) + beyond
+    p = modes.coordinates(scene.y - scene.cloud.x)
+    added = modes.motion(response(p, scene.time, modes.omega, modes.omega[0])) + beyond
     return Change(observe=lambda y, frames: y + added[frames])
 
 
 def further(scene: Scene, modes: Vibrations, response: Response) -> Carried:
     """The response to a change of the motion, which is linear in it, and to a change of the material.
 
-    That changes each frequency, and how much of each vibration joins others: `omega^2 (x - p) + dK (x - p)` is a force
-    that moves them like another slow motion would, `-dK (x - p) / omega^2`.
+    That turns every vibration towards others, of the lowest: `d phi_k = sum_l phi_l dK_kl / (w_k^2 - w_l^2)`. So much
+    of what k followed is then followed as l does, `dq_l = sum_k dK_kl (R_k - R_l)[p_k] / (w_k^2 - w_l^2)`, whose limit
+    at l = k is what its own frequency does. Where the slowest one tells how the others are damped, it changes them too.
+    What k follows late moves with its shape, towards the faster ones as well that nothing is late in.
     """
-    u, elastic, omega = scene.y - scene.cloud.x, scene.energy.elastic, modes.omega
-    ahead, before = (response(replace(modes, omega=s * omega), u, scene.time) for s in (1 + _BIT, 1 - _BIT))
-    slope = (ahead - before) / (2 * _BIT * omega)  # of every coordinate with its own frequency, (T, K)
-    late = (ahead + before) / 2
+    omega, first, elastic = modes.omega, modes.omega[0], scene.energy.elastic
+    p = modes.coordinates(scene.y - scene.cloud.x)
+    late = response(p, scene.time, omega, first)
+    near = np.abs(omega / omega[:, None] - 1) < _BIT
+    other = np.where(near, omega[:, None] * (1 + _BIT), omega)
+    apart = late[:, :, None] - response(p[:, :, None], scene.time, other, first)
+    joined = apart / (omega[:, None] ** 2 - other**2)
+    ahead, before = (response(p, scene.time, omega, s * first) for s in (1 + _BIT, 1 - _BIT))
+    slowest = (ahead - before) / (2 * _BIT) / (2 * first**2)
 
     def moved_on(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
-        stiffer = modes.stiffness(elastic, change)
-        own = np.diagonal(stiffer)
-        joined = -late[frames] @ (stiffer - np.diag(own)) / omega**2
-        then = response(modes, motion + modes.motion(joined), scene.time[frames]) + joined
-        return modes.motion(then + slope[frames] * own / (2 * omega))
+        stiffer, outward = modes.changed(elastic, change)
+        then = response(modes.coordinates(motion), scene.time[frames], omega, first)
+        then += np.einsum("tkl,kl->tl", joined[frames], stiffer, optimize=True) + slowest[frames] * stiffer[0, 0]
+        return modes.motion(then) + np.einsum("tk,kna->tna", late[frames], outward, optimize=True)
 
     return moved_on

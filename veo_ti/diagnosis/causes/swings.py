@@ -9,7 +9,7 @@ from sim.dynamics import Damping, simulate
 from sim.newton import NewtonOptions
 from sim.terms.base import Term
 from sim.terms.loads import AppliedForce
-from sim.vibration import FINER, finer, follow
+from sim.vibration import FINER, delay, finer, follow, lag
 from veo_ti.diagnosis.scene import Scene
 
 _STEP = 0.3  # [rad] of the slowest vibration that a step covers: its frequency comes out 0.4 % low
@@ -48,8 +48,8 @@ class Swings:
         p, reached = modes.coordinates(u), modes.coordinates(y - scene.cloud.x)
         linear = follow(omega / np.sqrt(_SLOWER)[:, None], ratios, p[:, None], scene.time, smooth=smooth)
         slower = float(_SLOWER[np.argmin(((linear - reached[:, None]) ** 2).sum(axis=(0, 2)))])
-        lag = modes.lag(u, scene.time, inertia=slower * share, damping=ratios, smooth=smooth)
-        return cls(slower=slower, beyond=y - scene.y - modes.motion(lag), share=share)
+        late = lag(modes.omega, p, scene.time, inertia=slower * share, damping=ratios, smooth=smooth)
+        return cls(slower=slower, beyond=y - scene.y - modes.motion(late), share=share)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,8 +70,9 @@ class Creep:
         y = _simulated(scene, smooth, mass=drag * soon * modes.mass, damping=Damping(mass=1 / soon), substeps=_CREEPS)
         if y is None:
             return None
-        late = modes.motion(modes.delay(scene.y - scene.cloud.x, scene.time, drag=drag, smooth=smooth))
-        return cls(beyond=y - scene.y - late, drag=drag)
+        p = modes.coordinates(scene.y - scene.cloud.x)
+        late = delay(modes.omega, p, scene.time, drag=drag, smooth=smooth)
+        return cls(beyond=y - scene.y - modes.motion(late), drag=drag)
 
 
 def _simulated(scene: Scene, smooth: bool, *, mass: np.ndarray, damping: Damping, substeps: int) -> np.ndarray | None:
