@@ -70,21 +70,22 @@ class Vibrations:
         """The motion (T, N, 3) [m] of modal coordinates (T, K)."""
         return np.einsum("tk,kna->tna", coordinates, self.shapes, optimize=True)
 
-    def changed(self, elastic: Elastic, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`phi_k^T dK phi_l` (K, K) [s^-2] of a small change of the elastic parameters (N, P), and `-K^-1 dK phi_k` but
-        for what lies among the modes, (K, N, 3) [kg^-1/2], both to first order.
+    def changed(self, elastic: Elastic, change: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`phi_k^T dK phi_l` (n, K) [s^-2] of some modes k (n,) under a small change of the elastic parameters (N, P),
+        and `-K^-1 dK phi_k` but for what lies among the modes, (n, N, 3) [kg^-1/2], both to first order.
 
         dK phi is the gradient's slope along phi at rest. On the diagonal the first is `2 omega d omega`; the others say
         how much of each mode joins another one. The second is what joins it of the modes that are not among them, as if
         those were far faster.
         """
-        step = _SLIGHT * elastic.cloud.spacing / np.abs(self.shapes).max()
+        shapes = self.shapes[some]
+        step = _SLIGHT * elastic.cloud.spacing / np.abs(shapes).max()
         softer = elastic.with_parameters(change)
-        ahead, behind = (softer.gradient(elastic.cloud.x + s * step * self.shapes) for s in (1, -1))
+        ahead, behind = (softer.gradient(elastic.cloud.x + s * step * shapes) for s in (1, -1))
         pushed = (ahead - behind) / (2 * step)
         outward = -self.answers(pushed)
         outward -= self.motion(self.coordinates(outward))
-        return np.einsum("kna,lna->kl", self.shapes, pushed, optimize=True), outward
+        return np.einsum("kna,lna->kl", pushed, self.shapes, optimize=True), outward
 
 
 def finer(p: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

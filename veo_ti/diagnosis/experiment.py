@@ -49,7 +49,7 @@ def separating(current: Refit, first: Refit, second: Refit, model: Model, s2: fl
 def _library(scene: Scene) -> Iterator[tuple[str, Scene]]:
     """Loads made from the strongest one that was measured, each with the equilibria that the baseline predicts."""
     strongest = int(scene.total_force.argmax())
-    force, step = scene.forces[strongest], float(np.median(np.diff(scene.time)))
+    force, step = scene.forces[strongest], scene.interval
     there_and_back = np.concatenate([_UP, _UP[-2::-1]])
     held = np.array([0.0, 1, 1, 1, 1, 0, 0, 0])
     name = f"the load of frame {strongest}"

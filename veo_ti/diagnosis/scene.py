@@ -88,6 +88,11 @@ class Scene:
         return self.observation.time
 
     @cached_property
+    def interval(self) -> float:
+        """From one frame to the next, the median [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @cached_property
     def forces(self) -> np.ndarray:
         """The nominal forces (T, N, 3) [N]."""
         return forces_of(self.observation, self.cloud) if self.told is None else self.told[0]

@@ -77,7 +77,7 @@ class ForceTiming(ByTheClock):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """About one frame."""
-        return np.array([float(np.median(np.diff(scene.time)))])
+        return np.array([scene.interval])
 
     def places(self, scene: Scene) -> Sequence[Reading]:
         """Late, or through a volume that fills, smoothly as that is."""
@@ -107,7 +107,7 @@ class ClockDrift(ByTheClock):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """About one frame over the whole measurement."""
-        return np.array([float(np.median(np.diff(scene.time)) / np.ptp(scene.time))])
+        return np.array([scene.interval / float(np.ptp(scene.time))])
 
     def places(self, scene: Scene) -> Sequence[Reading]:
         """All along; or from some moment on, half-way between two frames, where it stopped."""

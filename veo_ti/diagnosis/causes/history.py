@@ -137,7 +137,7 @@ class Viscoelasticity(Cause):
 
     def places(self, scene: Scene) -> Sequence[float]:
         """Time constants [s] from one frame to a third of the measurement."""
-        return list(np.geomspace(np.median(np.diff(scene.time)), np.ptp(scene.time) / 3, 5))
+        return list(np.geomspace(scene.interval, np.ptp(scene.time) / 3, 5))
 
     def near(self, scene: Scene, place: float) -> Sequence[float]:
         """Time constants in between."""

@@ -12,6 +12,7 @@ from veo_ti.diagnosis.scene import Scene
 Response = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 
 _BIT = 1e-4  # of a frequency, by which it is changed to see what follows
+_LITTLE = 1e-4  # of how late the latest is, so late are vibrations that matter
 
 
 def behind(scene: Scene, modes: Vibrations, response: Response, beyond: np.ndarray | float = 0.0) -> Change:
@@ -27,11 +28,14 @@ def further(scene: Scene, modes: Vibrations, response: Response) -> Carried:
     That turns every vibration towards others, of the lowest: `d phi_k = sum_l phi_l dK_kl / (w_k^2 - w_l^2)`. So much
     of what k followed is then followed as l does, `dq_l = sum_k dK_kl (R_k - R_l)[p_k] / (w_k^2 - w_l^2)`, whose limit
     at l = k is what its own frequency does. Where the slowest one tells how the others are damped, it changes them too.
-    What k follows late moves with its shape, towards the faster ones as well that nothing is late in.
+    What k follows late moves with its shape, towards the faster ones as well that nothing is late in. Of two of which
+    neither is late to speak of it does not matter how they are joined.
     """
     omega, first, elastic = modes.omega, modes.omega[0], scene.energy.elastic
     p = modes.coordinates(scene.y - scene.cloud.x)
     late = response(p, scene.time, omega, first)
+    size = np.linalg.norm(late, axis=0)
+    some = np.flatnonzero((size > _LITTLE * size.max()) | (omega == first))
     near = np.abs(omega / omega[:, None] - 1) < _BIT
     other = np.where(near, omega[:, None] * (1 + _BIT), omega)
     apart = late[:, :, None] - response(p[:, :, None], scene.time, other, first)
@@ -40,9 +44,11 @@ def further(scene: Scene, modes: Vibrations, response: Response) -> Carried:
     slowest = (ahead - before) / (2 * _BIT) / (2 * first**2)
 
     def moved_on(motion: np.ndarray, frames: np.ndarray, change: np.ndarray) -> np.ndarray:
-        stiffer, outward = modes.changed(elastic, change)
+        rows, outward = modes.changed(elastic, change, some)
+        stiffer = np.zeros((len(omega), len(omega)))
+        stiffer[some], stiffer[:, some] = rows, rows.T
         then = response(modes.coordinates(motion), scene.time[frames], omega, first)
         then += np.einsum("tkl,kl->tl", joined[frames], stiffer, optimize=True) + slowest[frames] * stiffer[0, 0]
-        return modes.motion(then) + np.einsum("tk,kna->tna", late[frames], outward, optimize=True)
+        return modes.motion(then) + np.einsum("tk,kna->tna", late[frames][:, some], outward, optimize=True)
 
     return moved_on

@@ -139,7 +139,7 @@ class TemporalSmoothing(Cause):
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A window as wide as a frame."""
-        return np.array([float(np.median(np.diff(scene.time))) ** 2])
+        return np.array([scene.interval**2])
 
     def change(self, scene: Scene, theta: np.ndarray, place: Any) -> Change:
         """By frames; what is seen starts from the reference pose, as it is seen."""
