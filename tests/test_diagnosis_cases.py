@@ -44,7 +44,7 @@ def test_smoothing_weakens_each_wave_as_diffusion_does(wave):
     course = np.cos(np.pi * wave * (np.arange(n) + 0.5) / n)
     x = np.arange(6.0).reshape(2, 3)
     y = x + (course - course[0])[:, None, None] * np.ones((1, 2, 3))
-    scene = SimpleNamespace(time=frame * np.arange(n), y=y, cloud=SimpleNamespace(x=x))
+    scene = SimpleNamespace(time=frame * np.arange(n), interval=frame, y=y, cloud=SimpleNamespace(x=x))
     seen = TemporalSmoothing().change(scene, np.array([variance * frame**2]), None).observe(y, np.arange(n))
     weaker = np.exp(-variance * (1 - np.cos(np.pi * wave / n)))
     assert seen - x == pytest.approx(weaker * (y - x))
