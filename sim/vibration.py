@@ -108,7 +108,7 @@ def lag(
     returned. Exact in time, linear about the rest shape and in p. No mass, no lag. Other shapes as in `follow`.
     """
     if not inertia > 0:
-        return np.zeros((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(omega))))
+        return np.zeros_like(omega * p)
     return follow(omega / np.sqrt(inertia), damping, p, time, smooth=smooth) - p
 
 
@@ -118,7 +118,7 @@ def delay(omega: np.ndarray, p: np.ndarray, time: np.ndarray, *, drag: float, sm
     drag [N s/m per unit of `mass`]: every mode relaxes, `drag x' + omega^2 (x - p) = 0`, without inertia.
     """
     if not drag > 0:
-        return np.zeros((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(omega))))
+        return np.zeros_like(omega * p)
     return relax(omega**2 / drag, p, time, smooth=smooth) - p
 
 
@@ -129,7 +129,7 @@ def relax(rate: np.ndarray, p: np.ndarray, time: np.ndarray, *, smooth: bool = F
     """
     if smooth and len(time) > 1:
         return relax(rate, *finer(p, time))[::FINER]
-    x = np.empty((len(p), *np.broadcast_shapes(p.shape[1:], np.shape(rate))))
+    x = np.empty_like(rate * p)
     x[0] = p[0]
     for t, h in enumerate(np.diff(time)):
         behind = (p[t + 1] - p[t]) / h / rate

@@ -121,12 +121,14 @@ def fingerprint_is_the_slope(cause, place, scene, basis):
     assert gap < 1e-3 * c, f"fingerprint off by {np.sqrt(abs(gap) / c):.2%}"
 
 
-@pytest.mark.parametrize("way", [2, 4, 8])
+LATE = [(Inertia(), Ring(ratio=0.2, power=power), most) for power, most in ((0, 0.03), (-1, 0.06), (1, 0.25))]
+LATE += [(Damping(), Flow(), 0.006)]
+
+
 @pytest.mark.parametrize(
-    ("cause", "place", "most"),
-    [(Inertia(), Ring(ratio=0.2, power=power), most) for power, most in ((0, 0.03), (-1, 0.06), (1, 0.25))]
-    + [(Damping(), Flow(), 0.006)],
-)  # fmt: skip
+    ("cause", "place", "most", "way"),
+    [*((*late, way) for late in LATE for way in (2, 4, 8)), (Inertia(), Ring(ratio=0.02, power=0), 0.03, 2)],
+)
 def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(cause, place, most, way, scene, basis):
     """Against another solve with a slightly other stiffness field, shown as the lagging object would be, on the frames
     that train; those between them, which do not, lag as well."""
@@ -150,7 +152,7 @@ def test_fingerprint_of_the_material_holds_what_it_does_to_a_motion_that_lags(ca
     # Those next to the vibrations that are followed are taken for far faster ones, of which nothing is late. By a law
     # that damps fast ones more they are as late as these, and one of them has a neighbour 0.05 % above the last.
     assert np.abs(column - expected).max() < most * np.abs(expected).max()
-    assert np.abs(without - expected).max() > 0.05 * np.abs(expected).max()
+    assert np.abs(without - expected).max() > 0.1 * np.abs(expected).max()
 
 
 def test_every_cause_has_its_own_name_sentence_and_units():
