@@ -130,7 +130,7 @@ def test_two_that_explain_together_what_none_explains_alone_are_named(imitated, 
 
 def pair(first: str, second: str, evidence: float, short: float = 0.0, leaves: float = 0.002) -> pairs._Pair:
     def candidate(name: str) -> Candidate:
-        cause = SimpleNamespace(name=name, sentence=name, exact=False)
+        cause = SimpleNamespace(name=name, sentence=name, exact=False, plain=False)
         told = SimpleNamespace(cause=cause, evidence=lambda s2: evidence)
         told.tuned, told.short, told.converged, told.cost = lambda *_: told, short, not short, 0.0
         left = Misfit(energy=1500 * leaves, mean=0.0, sd=1.0)

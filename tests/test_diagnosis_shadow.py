@@ -15,6 +15,7 @@ from veo_ti.diagnosis.causes.measurement import CameraScale
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import look
 from veo_ti.diagnosis.score import scores_of
+from veo_ti.diagnosis.verdict import CLEAN
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,21 @@ def test_the_likeliest_that_is_also_next_is_refitted_once(pushed, model, monkeyp
     modes = model.basis.field.modes[:, :12]
     found = look(pushed, model, NOISE**2, modes, [CameraScale()], lambda text: None, shadow=True)
     assert [c.name for c in found.candidates] == ["camera_scale"]
+
+
+@pytest.mark.parametrize(
+    ("plain", "coarse", "visible"), [(True, False, True), (False, False, False), (True, True, False)]
+)
+def test_what_a_plain_law_leaves_is_seen_however_small_unless_the_points_are_few(
+    plain, coarse, visible, pushed, filmed, model, monkeypatch  # noqa: F811
+):  # fmt: skip
+    """It is clear; where the points are too few for the body our own error may be as clear."""
+    small = SimpleNamespace(visible=False, like_noise=False, coarse=coarse)
+    monkeypatch.setattr(rounds.Left, "by", lambda *_, **more: small)
+    monkeypatch.setattr(HiddenForce, "plain", plain)
+    current, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
+    found = rounds._candidates([pushed], [], current, model, NOISE**2, NOISE**2, modes)
+    assert found[0].misfit.z > CLEAN and found[0].visible == visible
 
 
 def test_both_are_followed_beyond_the_first_order():

@@ -23,7 +23,7 @@ def test_no_misfit_needs_no_candidates():
 def found(name: str, gained: float, explained: float, z: float = 3.0, predicted: float = 100.0, **given: float):
     """A refitted cause as the verdict sees it."""
     exact, short = given.get("exact", False), given.get("short", 0.0)
-    cause = SimpleNamespace(name=name, sentence=f"It is {name}.", exact=exact)
+    cause = SimpleNamespace(name=name, sentence=f"It is {name}.", exact=exact, plain=False)
     told = SimpleNamespace(cause=cause, short=short, converged=not short, cost=100.0)
     left = Misfit(energy=z, mean=0.0, sd=1.0)
     return Candidate(

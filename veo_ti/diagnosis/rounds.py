@@ -15,6 +15,7 @@ from veo_ti.diagnosis.model import Model
 from veo_ti.diagnosis.noise import counted, measure_noise
 from veo_ti.diagnosis.score import Score, Statistics, scores_of, statistics_of
 from veo_ti.diagnosis.verdict import (
+    CLEAN,
     CLEAR,
     EXPLAINED,
     MISFIT,
@@ -177,5 +178,6 @@ def _candidate(
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
         coincidence=result.cause.coincidence(result.scene, result.theta, result.spread),
         certain=result.certain(gained if current.cause is None else 0.0),
-        like_noise=leaves.like_noise, visible=leaves.visible,
+        like_noise=leaves.like_noise,
+        visible=leaves.visible or (result.cause.plain and left.z > CLEAN and not leaves.coarse),
     )  # fmt: skip

@@ -161,7 +161,7 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     if start.model.effort.over:
         return [_unexplained(first)] if leaves_much(found) else [first]
     both = [first] if more is None else [first, more]
-    lost = more is not None and more.verdict.kind == "unexplained"
+    lost = more is not None and (more.verdict.kind == "unexplained" or (found.refit.cause.plain and leaves_much(found)))
     if (more is not None and more.verdict.causes) or not (lost or (causes and doubtful(found))):
         return both
     wider = first if wide else widened(first, *start.given, say)

@@ -228,7 +228,9 @@ def leaves_clearly(candidate: Candidate) -> bool:
 
 
 def leaves_much(candidate: Candidate) -> bool:
-    """Whether too much is left, and clearly, for its name if nothing explains that."""
+    """Whether too much is left, and clearly, for its name if nothing explains that; of a plain law, all but noise."""
+    if candidate.refit.cause.plain:
+        return candidate.misfit.z > CLEAN and doubtful(candidate) and not candidate.like_noise
     return candidate.clear and 1 - candidate.explained > LITTLE
 
 

@@ -83,6 +83,7 @@ class Cause:
     needs_mass = False  # whether the object must have been weighed
     over_time = ""  # what it takes several frames to show, such as a history
     material = False  # whether the change is a law of each point in proportion to its mu, lam: terms that have `each`
+    plain = False  # whether a change of the material would take up what is off about its law: a true one leaves noise
     few = False  # whether its places are so few that all others get a closer look, too
     exact = False  # whether what it does is simulated as well as known loads are: steady forces, maps of what is seen
     follows = False  # whether the forces it adds depend on the motion simulated so far, so that each asks for the other

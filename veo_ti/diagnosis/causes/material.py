@@ -53,6 +53,7 @@ class StrainStiffening(Cause):
     sentence = "The material grows stiffer where it is strained."
     parameters = (Parameter(name="beta", unit="-", sd=5.0, positive=True),)
     material = True
+    plain = True
 
     def widths(self, scene: Scene) -> np.ndarray:
         """A tangent about three times as stiff where the strain is among the largest twentieth."""
