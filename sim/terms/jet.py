@@ -8,7 +8,8 @@ from sim.checks import as_array, require
 from sim.occlusion import reached
 
 _FAINT = 1e-3  # of the highest pressure: less tells nothing of an area
-_KEPT = 1e-3  # of the most that any point is told, which its area counts for as it is
+_KEPT = 3e-3  # of the most that any point is told, which its area counts for as it is, and
+_ACROSS = 0.01  # of all that it is told itself: across jets that lie nearly in one plane their forces tell little of it
 _WIDE = 20.0  # squared distance from the axis, in squared footprints, beyond which a jet is nothing (e^-10)
 
 
@@ -68,19 +69,39 @@ def jet_forces(
     return blown[..., None] * d
 
 
+def pressures(jet: Jet, x: np.ndarray) -> np.ndarray:
+    """Pressure (T, N) [Pa] of a jet on points x (N, 3) or (T, N, 3) [m], `p0 exp(-r_i^2 / 2 sigma^2)`.
+
+    Raises ValueError for a footprint that is not positive and for shapes that do not fit.
+    """
+    return _blowing(jet, _batched("x", x, len(jet.force)))[4]
+
+
+def reblown(jet: Jet, other: Jet, x: np.ndarray, area: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """The given forces (T, N, 3) [N] of a jet on points x (N, 3) [m], as another jet would make them.
+
+    What areas (N, 3) [m2] do not explain of them stays, but for what the other jet blows less where the jet blew:
+    `f' = b(other) + (f - b(jet)) min(1, p(other) / p(jet))`.
+    """
+    before, blown = pressures(jet, x), jet_forces(jet, x, area)
+    less = np.minimum(pressures(other, x) / np.maximum(before, 1e-300), 1.0)
+    stays = np.where(blown.any(axis=2) & (before > _FAINT * before.max(initial=0.0)), less, 1.0)
+    return jet_forces(other, x, area) + (forces - blown) * stays[..., None]
+
+
 def told_area(jet: Jet, x: np.ndarray, area: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Outward area vectors (N, 3) [m2] of points x (N, 3) [m] with which the jet's forces are the given (T, N, 3) [N].
 
     Least squares of `f . d = p max(0, -A . d)` over the frames that blow on a point, and as near to `area` (N, 3) as
-    they let it: where no jet came, and across all that came, nothing changes.
+    they let it: where no jet came, and across all that came, nothing changes, and little across nearly all.
     """
     d, pressure = (_blowing(jet, _batched("x", x, len(jet.force)))[i] for i in (1, 4))
     given, facing = (forces * d).sum(axis=2), -(area * d).sum(axis=2)
     blown = pressure * ((given > 0) | (facing > 0)) * (pressure > _FAINT * pressure.max())
     known = np.einsum("tn,ta,tb->nab", blown**2, d[:, 0], d[:, 0])
-    right = np.einsum("tn,ta->na", blown * (blown * facing - given), d[:, 0])
-    least = _KEPT * float((blown**2).sum(axis=0).max())
-    return area + np.linalg.solve(known + max(least, 1e-300) * np.eye(3), right[..., None])[..., 0]
+    right, all_of = np.einsum("tn,ta->na", blown * (blown * facing - given), d[:, 0]), (blown**2).sum(axis=0)
+    least = np.maximum(_KEPT * float(all_of.max()) + _ACROSS * all_of, 1e-300)
+    return area + np.linalg.solve(known + least[:, None, None] * np.eye(3), right[..., None])[..., 0]
 
 
 def _blowing(jet: Jet, y: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -15,7 +15,7 @@ from sim.laws.history import Memory
 from sim.recollection import Recollection
 from sim.sensitivity import responses
 from sim.target import Target
-from sim.terms.jet import Jet, jet_forces, told_area
+from sim.terms.jet import Jet, jet_forces, reblown, told_area
 from sim.vibration import Vibrations
 from veo_ti.observation import Observation
 from veo_ti.scene import blown, forces_of
@@ -109,8 +109,10 @@ class Scene:
         return jet_forces(jet, self.cloud.x, self._told_area)
 
     def reblown(self, jet: Jet) -> np.ndarray:
-        """The nominal forces (T, N, 3) [N] with the difference that another jet makes."""
-        return self.forces + self.blown(jet) - self.blown(self.jet)
+        """The nominal forces (T, N, 3) [N] as another jet would make them."""
+        if self._told_area is None:
+            return self.forces + self.blown(jet) - self.blown(self.jet)
+        return reblown(self.jet, jet, self.cloud.x, self._told_area, self.forces)
 
     @cached_property
     def _told_area(self) -> np.ndarray | None:
