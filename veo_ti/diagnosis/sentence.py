@@ -114,12 +114,9 @@ def _unexplained(diagnosis: Diagnosis) -> str:
 
 
 def _nothing(diagnosis: Diagnosis) -> str:
-    if diagnosis.rounds[0].candidates:
-        return (
-            f"Hardly more is left than the noise of {1e3 * diagnosis.noise.sigma:.2g} mm per coordinate and the "
-            "simulation's own error, and no known cause explains it."
-        )
-    return (
-        "Nothing is wrong that this measurement could show: the simulation is as close to it as its noise of "
-        f"{1e3 * diagnosis.noise.sigma:.2g} mm per coordinate allows."
-    )
+    """With how far off it is: less than noise and the simulation's own error is not always as little as noise."""
+    g = diagnosis.gain
+    if g is None:
+        return f"{diagnosis.verdict.sentence} The noise is {1e3 * diagnosis.noise.sigma:.2g} mm per coordinate."
+    off = f"On held-out frames the simulation is off by {g.before_mm:.2g} mm (noise: {g.noise_mm:.2g} mm)."
+    return f"{diagnosis.verdict.sentence} {off}"

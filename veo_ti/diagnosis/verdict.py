@@ -147,7 +147,7 @@ def rivals(best: Candidate, others: Sequence[Candidate], *, wide: bool = False) 
 def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
     """What is left is noise, or as small as the simulation's own error; even: noise that neighbours share; faint: more
     than either, but little, and no known cause explains it."""
-    sentence = "The simulation is as good as the measurement's noise allows."
+    sentence = "Nothing is wrong that this measurement could show: the simulation is as good as its noise allows."
     if faint:
         sentence = "Hardly more is left than noise and the simulation's own error, and no known cause explains it."
     if even:
