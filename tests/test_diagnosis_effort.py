@@ -17,6 +17,7 @@ from veo_ti.diagnosis import refit as refits
 from veo_ti.diagnosis.effort import LINEARISATION, Effort
 from veo_ti.diagnosis.facts import facts
 from veo_ti.diagnosis.run import diagnose
+from veo_ti.diagnosis.sentence import sentence
 from veo_ti.diagnosis.verdict import Verdict, named
 from veo_ti.identification import identify
 
@@ -93,3 +94,14 @@ def test_a_fit_that_creeps_ends(measured, model, monkeypatch, short):  # noqa: F
     assert 2 <= len(costs) < 5
     if short:
         assert 2 * LINEARISATION <= alone.effort.spent < 3 * LINEARISATION
+
+
+@pytest.mark.parametrize(("promised", "said"), [(0.05, False), (0.3, True)])
+def test_a_name_whose_fit_still_promised_much_says_so(promised, said, whole):
+    """Seed 9543: fibres were named rightly, and of the stiffness 3.0 an interval from 0.5 to 2.0 was told."""
+    first = whole.rounds[0]
+    best = first.verdict.causes[0]
+    fit = replace(best.refit, converged=False, short=promised * best.gained)
+    verdict = replace(first.verdict, causes=(replace(best, refit=fit),))
+    found = replace(whole, rounds=(replace(first, verdict=verdict), *whole.rounds[1:]))
+    assert ("less sure than said" in sentence(found)) == said

@@ -12,6 +12,7 @@ from veo_ti.diagnosis import rounds
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.loads import HiddenForce
 from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import look
 from veo_ti.diagnosis.score import scores_of
@@ -86,6 +87,27 @@ def test_what_a_plain_law_leaves_is_seen_however_small_unless_the_points_are_few
     current, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
     found = rounds._candidates([pushed], [], current, model, NOISE**2, NOISE**2, modes)
     assert found[0].misfit.z > CLEAN and found[0].visible == visible
+
+
+@pytest.mark.parametrize(
+    ("z", "explained", "settled"),
+    [
+        (4.8, 0.995, True),  # seed 9541: a prestress next to an instability promised half of what it had gained again
+        (15.0, 0.995, False),  # more than noise
+        (4.8, 0.85, False),  # so little was wrong that much of it may stay unseen
+    ],
+)
+def test_a_fit_that_leaves_noise_has_come_to_an_end_whatever_it_promises(
+    z, explained, settled, pushed, filmed, model, monkeypatch  # noqa: F811
+):  # fmt: skip
+    left = {True: Misfit(energy=z, mean=0.0, sd=1.0), False: Misfit(energy=z / (1 - explained), mean=0.0, sd=1.0)}
+    fit = replace(pushed, converged=False, short=1e9)
+    monkeypatch.setattr(
+        rounds, "statistics_of", lambda of, *given: SimpleNamespace(misfit=lambda: left[of.cause is not None])
+    )
+    current, modes = refit(filmed, model, np.zeros(len(model.prior))), model.basis.field.modes[:, :12]
+    found = rounds._candidates([fit], [], current, model, NOISE**2, NOISE**2, modes)
+    assert found[0].settled == settled
 
 
 def test_both_are_followed_beyond_the_first_order():

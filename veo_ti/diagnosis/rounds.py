@@ -171,10 +171,11 @@ def _candidate(
     leaves = Left.by(result.taken_in(), model, s2, noise, modes, shadow=True)
     predicted = (without.left_out(s2, BLOCKS) - with_it.left_out(s2, BLOCKS)) / (2 * s2)
     gained = with_it.evidence(s2) - without.evidence(s2)
+    explained = 1 - left.excess / max(before.excess, 1e-300)
+    arrived = left.z < CLEAN and explained > TOGETHER  # a promise next to an instability is none
     return Candidate(
-        refit=result, gained=gained, predicted=predicted, misfit=left,
-        settled=result.converged or result.short < SHORT * gained,
-        explained=1 - left.excess / max(before.excess, 1e-300),
+        refit=result, gained=gained, predicted=predicted, misfit=left, explained=explained,
+        settled=result.converged or result.short < SHORT * gained or arrived,
         plausible=result.cause.plausible(result.scene, result.theta, result.spread) and bool(np.isfinite(result.short)),
         coincidence=result.cause.coincidence(result.scene, result.theta, result.spread),
         certain=result.certain(gained if current.cause is None else 0.0),

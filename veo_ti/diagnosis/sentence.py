@@ -4,7 +4,7 @@ import numpy as np
 
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.fitted import Refit
-from veo_ti.diagnosis.rounds import Round
+from veo_ti.diagnosis.rounds import SHORT, Round
 from veo_ti.diagnosis.run import Diagnosis
 
 _STRAY = 0.002  # share of stray positions from which they are mentioned
@@ -75,7 +75,9 @@ def _named(diagnosis: Diagnosis) -> str:
         told.append(" or ".join(words(c.name) for c in last.causes) + ", which this measurement cannot tell apart")
         them = f"{them} and the first of these"
     left = "; something else is still wrong, and no known cause explains it" if last.kind == "unexplained" else ""
-    return f"{'; besides: '.join(told)}; {_gained(diagnosis, them)}{left}.{_to_tell(diagnosis.rounds[-1])}"
+    short = " and ".join(words(c.name) for c in diagnosis.named if c.promised > SHORT * c.gained)
+    unsure = f" The fit of {short} still promised more: how large it is, is less sure than said." if short else ""
+    return f"{'; besides: '.join(told)}; {_gained(diagnosis, them)}{left}.{unsure}{_to_tell(diagnosis.rounds[-1])}"
 
 
 def _gained(diagnosis: Diagnosis, them: str) -> str:
