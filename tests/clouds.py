@@ -22,6 +22,14 @@ def ball(radius: float, count: int, centre: tuple, *, seed: int = 0) -> np.ndarr
     return x + noise * (shell < radius - 1e-9)[:, None] + np.array(centre)
 
 
+def sphere(count: int, radius: float, centre: tuple = (0, 0, 0)) -> tuple[np.ndarray, np.ndarray]:
+    """Points evenly spread on a sphere (a golden spiral) [m] and their outward area vectors [m2]."""
+    turn, level = np.pi * (1 + 5**0.5) * np.arange(count), 1 - (2 * np.arange(count) + 1) / count
+    ring = np.sqrt(1 - level**2)
+    out = np.stack([ring * np.cos(turn), ring * np.sin(turn), level], axis=1)
+    return radius * out + np.array(centre), 4 * np.pi * radius**2 / count * out
+
+
 def rotation(angle: float, axis: tuple = (1.0, 2.0, -1.0)) -> np.ndarray:
     """The rotation matrix of an angle [rad] about an axis (Rodrigues)."""
     a = np.array(axis) / np.linalg.norm(axis)

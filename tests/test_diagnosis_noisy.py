@@ -1,4 +1,4 @@
-"""The verdict in noise that neighbours share."""
+"""The verdict in noise that neighbours share, and what is said where too little is left to be called wrong."""
 
 from dataclasses import replace
 from types import SimpleNamespace

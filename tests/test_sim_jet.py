@@ -4,7 +4,7 @@ import fem
 import fem_scenes
 import numpy as np
 import pytest
-from clouds import block, rotation
+from clouds import block, rotation, sphere
 from scipy.spatial import cKDTree
 
 from sim.cloud import RestCloud
@@ -86,14 +86,6 @@ def test_forces_of_three_jets_tell_the_area_and_change_nothing_where_none_blew()
     assert np.abs(off).max() < 0.05 * np.abs(jet_forces(jet, x, area)).max()
 
 
-def ball(count):
-    """Points on a ball of radius 0.1 with their area vectors."""
-    i = np.arange(count) + 0.5
-    z, phi = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
-    n = np.stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z], axis=1)
-    return 0.1 * n, n * 4 * np.pi * 0.01 / count
-
-
 def three_jets(turn=0.0, shift=0.0):
     """Nearly in the plane across y; turned about x, where they come out of it, and shifted along y."""
     aim = np.array([[0.6, 0, -0.8], [-0.6, 0.03, -0.8], [0.1, -0.03, -1.0]])
@@ -104,7 +96,7 @@ def three_jets(turn=0.0, shift=0.0):
 
 
 def test_forces_that_are_rough_do_not_turn_areas_across_jets_that_are_nearly_in_one_plane():
-    (x, area), jet = ball(400), three_jets()
+    (x, area), jet = sphere(400, 0.1), three_jets()
     rough = jet_forces(jet, x, area) * (1 + 0.15 * np.random.default_rng(1).normal(size=(3, 400, 1)))
     off = (told_area(jet, x, area, rough) - area) / np.linalg.norm(area, axis=1)[:, None]
     blown = pressures(jet, x).max(axis=0)
@@ -113,7 +105,7 @@ def test_forces_that_are_rough_do_not_turn_areas_across_jets_that_are_nearly_in_
 
 @pytest.mark.parametrize("other", [dict(turn=0.1), dict(turn=-0.2), dict(shift=0.015)])
 def test_another_jet_blows_as_on_a_hundred_times_as_many_points(other):
-    (x, area), (fine, small), jet, turned = ball(400), ball(40000), three_jets(), three_jets(**other)
+    (x, area), (fine, small), jet, turned = sphere(400, 0.1), sphere(40000, 0.1), three_jets(), three_jets(**other)
     own = (cKDTree(x).query(fine)[1] == np.arange(400)[:, None]).astype(float)
     known, wanted = (own @ jet_forces(blowing, fine, small) for blowing in (jet, turned))
     guess = area * np.random.default_rng(0).uniform(0.8, 1.2, (400, 1))
@@ -122,7 +114,7 @@ def test_another_jet_blows_as_on_a_hundred_times_as_many_points(other):
 
 
 def test_what_another_jet_does_not_reach_is_left_to_what_else_pulls():
-    (x, area), jet = ball(400), three_jets()
+    (x, area), jet = sphere(400, 0.1), three_jets()
     forces = 1.3 * jet_forces(jet, x, area)
     below = x[:, 2] < -0.08
     forces[:, below] += [0.0, 0.0, -0.01]

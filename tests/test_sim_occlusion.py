@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from clouds import rotation
+from clouds import rotation, sphere
 
 from sim._open3d import load_open3d
 from sim.occlusion import reached
@@ -10,14 +10,6 @@ from sim.terms.jet import DistanceLaw, Jet, jet_forces
 
 ORIGIN, AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
 STEP = 0.006
-
-
-def sphere(count: int, radius: float, centre: tuple) -> tuple[np.ndarray, np.ndarray]:
-    """Points evenly spread on a sphere (a golden spiral) and their outward area vectors."""
-    turn, level = np.pi * (1 + 5**0.5) * np.arange(count), 1 - (2 * np.arange(count) + 1) / count
-    ring = np.sqrt(1 - level**2)
-    out = np.stack([ring * np.cos(turn), ring * np.sin(turn), level], axis=1)
-    return radius * out + np.array(centre), 4 * np.pi * radius**2 / count * out
 
 
 def plate(half: float, height: float, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -95,7 +95,7 @@ def told_area(jet: Jet, x: np.ndarray, area: np.ndarray, forces: np.ndarray) -> 
     Least squares of `f . d = p max(0, -A . d)` over the frames that blow on a point, and as near to `area` (N, 3) as
     they let it: where no jet came, and across all that came, nothing changes, and little across nearly all.
     """
-    d, pressure = (_blowing(jet, _batched("x", x, len(jet.force)))[i] for i in (1, 4))
+    pressure, d = pressures(jet, x), np.asarray(jet.direction, float)[:, None]
     given, facing = (forces * d).sum(axis=2), -(area * d).sum(axis=2)
     blown = pressure * ((given > 0) | (facing > 0)) * (pressure > _FAINT * pressure.max())
     known = np.einsum("tn,ta,tb->nab", blown**2, d[:, 0], d[:, 0])

@@ -153,8 +153,9 @@ def _besides(first: Round, start: Baseline, causes: Sequence[Cause], say: Progre
     Where nothing is known that explains what a named cause leaves, and that is more than it may leave itself, all that
     promise something are refitted: another may explain it. If nothing explains it, that is no reason against another
     which leaves more, but explains nearly all as well: either may be there, beside something else. Without such
-    another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little, or its
-    fit did not come to an end: a prestress passed for a tilt, 1584 standard deviations left (7741). What an exact cause
+    another, the cause itself may only imitate what is there, if what it leaves is clear and more than a little (of a
+    plain law more than noise, even where that is below the simulation's own error of the motion), or its fit did not
+    come to an end: a prestress passed for a tilt, 1584 standard deviations left (7741). What an exact cause
     leaves may go on like noise and be clear: then it may imitate two that act all the time.
     """
     found, more = first.verdict.causes[0], _second(first.verdict.causes[0], start, causes, say)
