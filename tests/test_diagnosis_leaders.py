@@ -7,7 +7,7 @@ import pytest
 
 from veo_ti.diagnosis import leaders, looks
 from veo_ti.diagnosis.effort import Effort
-from veo_ti.diagnosis.leaders import as_likely, leaders_of, likeliest, look_alikes, waiting
+from veo_ti.diagnosis.leaders import as_likely, hiding, leaders_of, likeliest, look_alikes, waiting
 from veo_ti.diagnosis.placing import Spot
 
 
@@ -61,8 +61,8 @@ def test_all_could_be_next_that_promise_enough_and_were_not_tried():
     every = [*scores(("a", 100, 1), *((name, 40, 1) for name in "bcdefg"), ("h", 20, 1), ("i", 50, 0.04)),
              *scores(("j", 50, 1), explained=0.2)]  # fmt: skip
     statistics = SimpleNamespace(together=lambda one, other, noise: 1.0)
-    assert names(waiting(statistics, None, every, 0.05, ["a", "c"])) == "bdefgi"
-    assert not waiting(statistics, None, [], 0.05, [])
+    assert names(waiting(every, hiding(statistics, None, every, 0.05), ["a", "c"])) == "bdefgi"
+    assert not hiding(statistics, None, [], 0.05) and not waiting([], (), [])
 
 
 @pytest.mark.parametrize(("both", "found"), [(0.6, "bc"), (0.5, "b")])
@@ -76,7 +76,8 @@ def test_two_that_hide_each_other_wait_where_they_promise_far_more_together(both
         asked.append((one.name + other.name, noise))
         return both if one.name + other.name == "cd" else 0.35
 
-    assert names(waiting(SimpleNamespace(together=together), "noise", every, 0.05, ["a", "d"])) == found
+    two = hiding(SimpleNamespace(together=together), "noise", every, 0.05)
+    assert names(waiting(every, two, ["a", "d"])) == found
     assert asked == [(pair, "noise") for pair in ("ab", "ac", "ad", "bc", "bd", "cd")]
 
 

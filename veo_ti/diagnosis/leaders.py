@@ -33,20 +33,21 @@ def leaders_of(scores: Sequence[Score], keep: float) -> tuple[list[Score], list[
     return first, others[:_COUNT]
 
 
-def waiting(
-    statistics: Statistics, noise: Statistics, scores: Sequence[Score], keep: float, tried: Collection[str]
-) -> list[Score]:
-    """All others that could be next, however many, and however much of them the nuisances imitate; and the two that
-    promise most together, if that is far more than any does alone: they may hide each other. noise: the statistics at
-    the variance of the noise."""
+def hiding(statistics: Statistics, noise: Statistics, scores: Sequence[Score], keep: float) -> tuple[Score, ...]:
+    """The two that promise most together, if that is far more than any does alone: they may hide each other. noise: the
+    statistics at the variance of the noise."""
     spoken = _spoken_for(scores, keep)
-    able = [s for s in _spoken_for(scores, 0.0) if s.explained > _PROMISING]
-    others = [s for s in able if s.log_bayes >= _FURTHER * able[0].log_bayes]
     pairs = [(statistics.together(*two, noise), two) for two in combinations(spoken, 2)]
     most, both = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))
-    if both and most > _HIDDEN + max(s.explained for s in spoken):
-        others += [s for s in both if s not in others]
-    return [s for s in others if s.name not in tried]
+    return both if both and most > _HIDDEN + max(s.explained for s in spoken) else ()
+
+
+def waiting(scores: Sequence[Score], both: Sequence[Score], tried: Collection[str]) -> list[Score]:
+    """All others that could be next, however many, and however much of them the nuisances imitate; and those of both,
+    which may hide each other."""
+    able = [s for s in _spoken_for(scores, 0.0) if s.explained > _PROMISING]
+    others = [s for s in able if s.log_bayes >= _FURTHER * able[0].log_bayes]
+    return [s for s in (*others, *(s for s in both if s not in others)) if s.name not in tried]
 
 
 def likeliest(scores: Sequence[Score], keep: float) -> list[Score]:

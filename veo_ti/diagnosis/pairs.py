@@ -56,18 +56,17 @@ class _Pair:
 
     def alone(self, known: Sequence[Candidate], say: Progress) -> list[Refit]:
         """Either one refitted alone where it is beside the other, if it was not at that place and might do without."""
-        there = replace(self.model, s2=self.found.s2)
+        at = replace(self.model, s2=self.found.s2)
         places = {c.name: c.refit.place for c in known if c.settled}
-        parts, found = self.second.refit.apart(), []
+        parts, new = self.second.refit.apart(), []
         for own, other in (parts, parts[::-1]):
             cause, place = own.cause, own.place
             tried = cause.name in places and places[cause.name] is place  # places may be arrays
             if tried or _borne_out(other) > _SURELY * BETTER:
                 continue
             say(f"{cause.name} alone, where it is beside {other.cause.name}")
-            start = self.first.refit.without
-            found.append(refit(start, there, own.coefficients, cause=cause, place=place, theta=own.theta))
-        return [one.tuned(there, there.s2) for one in found]
+            new.append(refit(self.first.refit.without, at, own.coefficients, cause=cause, place=place, theta=own.theta))
+        return [one.tuned(at, at.s2) for one in new]
 
     def part(self, name: str) -> Candidate:
         """The one of that name, with the parameters that both have together."""
@@ -107,17 +106,18 @@ def two_at_once(
     """Two rounds that name one cause each, or None: no two explain most of what is wrong, or several pairs do.
 
     alone: a round that named none; narrower(refit): model and floor once that cause is part of it; again(refits):
-    the round with further refits; but: no start, since a second one was looked for beside it before. Where one of two
-    only had to move, and beside it the other adds too little, that round names it alone. A second cause is
-    looked for beside each of the two that explain most, at least half (else as much as the one that explains most),
-    and, if there is one, beside those that explain nearly as much; both are refitted together. Then beside the
-    second ones of the best pairs: the first one may only imitate what goes with them. Beside one that explains
-    nearly all it may be a shadow, and has to be as sure as one beside a named cause. Where all pairs that come near
-    have one cause in common, that one is named and the second round is ambiguous, unless only one of the others obeys
-    a law; where each is one of some beside one of others, and the best explains all but noise, both rounds are.
+    the round with further refits; but: no start, since it was one before. Where one of two only had to move, and
+    beside it the other adds too little, that round names it alone. A second cause is fitted beside each of the two
+    that explain most, at least half (else as much as the one that explains most; where none does much, of those
+    that promise far more together), and, if one is found, beside those that explain nearly as much. Then beside the
+    second ones of the best pairs, or of the best that is fair: the first one may only imitate what goes with them.
+    Where all pairs that come near have one cause in common, it is named and the second round ambiguous, unless one
+    only of the others obeys a law; where each is one of some beside one of others, and the best leaves noise, both
+    are.
     """
-    able = [c for c in alone.candidates if c.able and c.testable and c.explained > _SOME and c.name != but]
-    able = sorted(able, key=lambda c: -c.explained)
+    able = [c for c in alone.candidates if c.able and c.testable and c.name != but]
+    some = [c for c in able if c.explained > _SOME] or [c for c in able if c.name in alone.both]
+    able = sorted(some, key=lambda c: -c.explained)
     able = [c for c in able if c.explained > min(EXPLAINED, able[0].explained - _ALIKE)]
 
     def beside(seen: _Seen, start: Candidate) -> _Seen:
@@ -132,12 +132,14 @@ def two_at_once(
             seen = seen.with_pair(_Pair(first=start, second=second, found=found, model=model), alone, say)
         return seen
 
-    starts, seen = able[: _MOST if causes else 0], _Seen()
+    starts, seen, begun = able[: _MOST if causes else 0], _Seen(), 0
     starts = [c for c in starts if c.explained > starts[:_STARTS][-1].explained - _ALIKE]
     for n, start in enumerate(starts):
         if n < _STARTS or seen.pairs or seen.lone:
-            seen = beside(seen, start)
-    for partner in [c for c in able if c not in starts and c.name in {p.second.name for p in _near(seen.pairs)}]:
+            seen, begun = beside(seen, start), n + 1
+    fairest = sorted((explained_by((p.first, p.second)), p.second.name) for p in seen.poorer)[-1:]
+    partners = {p.second.name for p in _near(seen.pairs)} or {name for share, name in fairest if share > TOGETHER}
+    for partner in [c for c in able if c not in starts[:begun] and c.name in partners]:
         seen = beside(seen, partner)
     single = again(seen.lone) if seen.lone else alone
     pairs = [p for p in seen.pairs if _explain(p.first, p.second, single)]

@@ -8,7 +8,7 @@ import numpy as np
 from veo_ti.diagnosis.causes.base import Cause
 from veo_ti.diagnosis.experiment import Experiment, separating
 from veo_ti.diagnosis.fitted import Refit, everywhere
-from veo_ti.diagnosis.leaders import Refitted, as_likely, leaders_of, likeliest, look_alikes, refitted, waiting
+from veo_ti.diagnosis.leaders import Refitted, as_likely, hiding, leaders_of, likeliest, look_alikes, refitted, waiting
 from veo_ti.diagnosis.looks import Progress
 from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.model import Model
@@ -42,8 +42,9 @@ _ROUGHLY = 0.025  # of what there was, that a first, rough refit may leave of wh
 class Round:
     """One look for a cause: what was wrong, every score, the refitted leaders, the verdict.
 
-    tried: what was refitted, beside which further causes have to stand; extended: the model with what was named; where
-    several could be what a named cause leaves, with the likeliest.
+    tried: what was refitted, beside which further causes have to stand; both: the two that promise far more together
+    than any does alone; extended: the model with what was named; where several could be what a named cause leaves,
+    with the likeliest.
     """
 
     misfit: Misfit
@@ -52,6 +53,7 @@ class Round:
     verdict: Verdict
     s2: float  # variance [m2] at which the candidates were weighed
     tried: Refitted = field(default_factory=Refitted)
+    both: frozenset[str] = frozenset()
     extended: Refit | None = None
     statistics: Statistics | None = None  # by which the scores were made
     experiment: Experiment | None = None  # what would tell apart those that are ambiguous
@@ -86,21 +88,24 @@ def look(
         return replace(quiet, verdict=nothing(even=True))
     leaders, others = leaders_of(scores, keep)
     leaders += [s for s in clear if s not in leaders]
-    if not shadow:
+    if not shadow or misfit.z > CLEAR:
         leaders += as_likely(scores, leaders, keep)
     rough = _ROUGHLY * counted(taken.scene, noise, modes)
     known = Refitted(least=max(least, rough), rough=rough)
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     standing = [c for c in candidates if sufficient(c)]
+    wider = not standing and current.cause is not None and any(c.able and c.explained > TOGETHER for c in candidates)
     if standing:
         alike = look_alikes(standing[0].name, statistics, scores, keep, [c.name for c in candidates])
         further = others if leaves_clearly(standing[0]) else ()
         others = alike + [s for s in further if s not in (*alike, *leaders)]
-    if others and (standing or current.cause is None):
+    elif wider:  # it may only imitate what is there
+        others = waiting(scores, (), {c.name for c in candidates})
+    if others and (standing or wider or current.cause is None):
         tried = refitted(others, current, model, floor, modes, say, beside=tried)
         candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
-    verdict = _lasting(judge(misfit, candidates, least=TOGETHER if shadow else EXPLAINED), model)
+    verdict = _lasting(judge(misfit, candidates, shadow=shadow), model)
     explained = verdict.kind == "ambiguous" or (verdict.kind == "named" and stands(verdict.causes))
     if not explained and left.faint:
         verdict = nothing(faint=True)
@@ -123,11 +128,12 @@ def told_apart(found: Round, current: Refit, model: Model, s2: float, say: Progr
 
 def widened(found: Round, current: Refit, model: Model, floor: float, modes: np.ndarray, say: Progress) -> Round:
     """A first look with all those refitted, too, that could be next."""
-    noise, known = replace(found.statistics, s2=floor), {c.name for c in found.candidates}
-    others = waiting(found.statistics, noise, found.scores, TESTABLE, known)
+    both = hiding(found.statistics, replace(found.statistics, s2=floor), found.scores, TESTABLE)
+    others = waiting(found.scores, both, {c.name for c in found.candidates})
     tried = refitted(others, current, model, floor, modes, say, beside=found.tried)
     more = tried.refits[len(found.tried.refits) :]
-    return replace(with_more(found, more, current, model, floor, modes, wide=True), tried=tried)
+    wider = with_more(found, more, current, model, floor, modes, wide=True)
+    return replace(wider, tried=tried, both=frozenset(s.name for s in both))
 
 
 def with_more(

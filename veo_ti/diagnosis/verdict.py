@@ -116,11 +116,11 @@ def _rejected(rival: Candidate, best: Candidate) -> bool:
     return clean and rival.settled and rival.misfit.z > 2 * MISFIT and other > max(MORE * left, ours)
 
 
-def _alone_leaves_little(cause: Candidate, able: Sequence[Candidate]) -> bool:
+def _alone_leaves_little(cause: Candidate, able: Sequence[Candidate], little: float) -> bool:
     """Whether it does, and all others leave clearly more: of such a cause enough was seen, however much of its effect a
     change of the material imitates."""
     left, others = 1 - cause.explained, [c for c in able if c is not cause]
-    return left < LITTLE and all(c.misfit.z > 2 * MISFIT and 1 - c.explained > MORE * left for c in others)
+    return left < little and all(c.misfit.z > 2 * MISFIT and 1 - c.explained > MORE * left for c in others)
 
 
 def _margin(best: Candidate, rival: Candidate, wide: bool) -> float:
@@ -156,16 +156,17 @@ def nothing(*, even: bool = False, faint: bool = False) -> Verdict:
 
 
 def judge(
-    misfit: Misfit, candidates: Sequence[Candidate], *, least: float = EXPLAINED, wide: bool = False
+    misfit: Misfit, candidates: Sequence[Candidate], *, shadow: bool = False, wide: bool = False
 ) -> Verdict:  # fmt: skip
-    """The verdict on one round; least: the share that a cause must explain to be named, or to be one of several; wide:
-    whether all that promise something were refitted. What may well be absent is not named, nor what is not testable,
-    unless it alone of all leaves little; but another is not either beside it. One that obeys a law is told by it unless
-    it leaves clear misfit, and another clearly less."""
+    """The verdict on one round; shadow: whether it is beside a cause that explains most, where one must explain more to
+    be named or one of several; wide: whether all that promise something were refitted. What may well be absent is not
+    named, nor what is not testable, unless it alone leaves little (in the shadow, no more than it must); but another is
+    not either beside it. One that obeys a law is told by it unless it leaves clear misfit, and another clearly less."""
     if misfit.z < MISFIT:
         return nothing()
+    least, little = (TOGETHER, 1 - TOGETHER) if shadow else (EXPLAINED, LITTLE if wide else -math.inf)
     able = [c for c in candidates if c.able]
-    told = [c for c in able if c.testable or (wide and _alone_leaves_little(c, able))]
+    told = [c for c in able if c.testable or _alone_leaves_little(c, able, little)]
     accepted = sorted((c for c in told if c.settled and c.certain), key=lambda c: -c.sure)
     if not accepted or accepted[0].explained < least:
         return unexplained(accepted[:1])
@@ -218,8 +219,7 @@ def stands(causes: Sequence[Candidate]) -> bool:
 
 def doubtful(candidate: Candidate) -> bool:
     """Whether it leaves more than noise and our own error, of the motion and of what it does."""
-    more = 1 - candidate.explained > ours_of(candidate.refit) ** 2
-    return candidate.visible and candidate.misfit.z > MISFIT and more
+    return candidate.visible and candidate.misfit.z > MISFIT and 1 - candidate.explained > ours_of(candidate.refit) ** 2
 
 
 def leaves_clearly(candidate: Candidate) -> bool:
@@ -235,8 +235,7 @@ def leaves_much(candidate: Candidate) -> bool:
 
 
 def sufficient(candidate: Candidate) -> bool:
-    """Whether it may be all that is wrong: physics allows it, no change of the material imitates it, it is not absent,
-    and it explains enough."""
+    """Whether it may be all that is wrong: possible, no image of another material, not absent, explaining enough."""
     return candidate.plausible and candidate.testable and candidate.certain and stands([candidate])
 
 
