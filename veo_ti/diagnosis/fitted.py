@@ -16,7 +16,7 @@ from veo_ti.diagnosis.problem import Line
 from veo_ti.diagnosis.scene import Scene
 from veo_ti.diagnosis.solved import NEWTON, Solved
 
-OURS = 0.06  # of a parameter, by which it is off against a finite-element simulation beyond its sd (docs/diagnosis.md)
+OURS = 0.06  # of a parameter, by which it is off against finite elements beyond its sd (docs/diagnosis_method.md)
 _EXACTLY = 0.02  # instead of that, of what an exact cause does
 
 

@@ -13,7 +13,7 @@ from veo_ti.diagnosis.score import Score, Statistics, scores_of
 
 _LEAST = 1.5  # nats that a score must reach for a refit, and
 _CLEARLY = 20.0  # likewise, where it promises next to nothing
-_PROMISING = 0.25  # share of the misfit, to first order; docs/diagnosis.md says how much more refits explain
+_PROMISING = 0.25  # share of the misfit, to first order; docs/blind_trials.md: how much less refits explain
 _FAIR = (0.0, 0.2, 0.6, 0.75, 0.85)  # share of the best score that the first, second, third ... must reach; and
 _FURTHER, _COUNT = 0.3, 3  # that others must, and how many of them, where none of these explains enough
 _HIDDEN = 0.25  # share of the misfit that two promise together beyond what any does, to be refitted for that; and
