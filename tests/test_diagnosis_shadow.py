@@ -13,7 +13,7 @@ from test_diagnosis_verdict import found as candidate
 from veo_ti.diagnosis import rounds
 from veo_ti.diagnosis.causes.beside import Beside
 from veo_ti.diagnosis.causes.loads import HiddenForce
-from veo_ti.diagnosis.causes.measurement import CameraScale
+from veo_ti.diagnosis.causes.measurement import CameraScale, CorrespondenceSlip
 from veo_ti.diagnosis.misfit import Misfit
 from veo_ti.diagnosis.refit import refit
 from veo_ti.diagnosis.rounds import look
@@ -88,6 +88,24 @@ def test_what_the_material_imitates_is_tried_beside_a_cause_that_leaves_clear_mi
     modes = model.basis.field.modes[:, :12]
     found = look(pushed, model, NOISE**2, modes, [CameraScale()], lambda text: None, shadow=True)
     assert [c.name for c in found.candidates] == (["camera_scale"] if asked else [])
+
+
+@pytest.mark.parametrize(("stands", "asked"), [(False, True), (True, False)])
+def test_beside_a_cause_all_others_are_tried_where_one_explains_nine_tenths_but_not_enough(
+    stands, asked, pushed, model, monkeypatch  # noqa: F811
+):  # fmt: skip
+    """Seed 5145: a creeping material beside a camera's scale left clear misfit; the drag promised a third of it."""
+    scale = CameraScale.name
+    monkeypatch.setattr(rounds, "leaders_of", lambda scores, keep: ([s for s in scores if s.name == scale], []))
+    for name in ("likeliest", "as_likely", "look_alikes"):
+        monkeypatch.setattr(rounds, name, lambda *given: [])
+    monkeypatch.setattr(rounds, "waiting", lambda scores, hidden, tried: [s for s in scores if s.name not in tried])
+    monkeypatch.setattr(rounds, "sufficient", lambda candidate: stands)
+    modes = model.basis.field.modes[:, :12]
+    found = look(pushed, model, NOISE**2, modes, [CameraScale(), CorrespondenceSlip()], lambda text: None)
+    names = sorted(c.name for c in found.candidates)
+    assert names == ([scale, "correspondence_slip"] if asked else [scale])
+    assert max(c.explained for c in found.candidates) > 0.9
 
 
 @pytest.mark.parametrize(
