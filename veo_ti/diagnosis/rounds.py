@@ -35,6 +35,7 @@ from veo_ti.diagnosis.visible import Left
 
 SHORT = 0.1  # of what a cause gains, that its refit may still promise
 BLOCKS = 8  # of training frames
+_FAIRLY = 0.8  # of what a cause leaves, that another explains for all to be tried: nine tenths, if that one does half
 _ROUGHLY = 0.025  # of what there was, that a first, rough refit may leave of what further ones explain
 
 
@@ -95,7 +96,7 @@ def look(
     tried = refitted(leaders, current, model, floor, modes, say, beside=known)
     candidates = _candidates(tried.refits, scores, current, model, floor, tried.s2, modes)
     standing = [c for c in candidates if sufficient(c)]
-    wider = not standing and current.cause is not None and any(c.able and c.explained > TOGETHER for c in candidates)
+    wider = not standing and current.cause is not None and any(c.able and c.explained > _FAIRLY for c in candidates)
     if standing:
         alike = look_alikes(standing[0].name, statistics, scores, keep, [c.name for c in candidates])
         further = others if leaves_clearly(standing[0]) else ()
