@@ -137,8 +137,8 @@ def two_at_once(
     for n, start in enumerate(starts):
         if n < _STARTS or seen.pairs or seen.lone:
             seen, begun = beside(seen, start), n + 1
-    fairest = sorted((explained_by((p.first, p.second)), p.second.name) for p in seen.poorer)[-1:]
-    partners = {p.second.name for p in _near(seen.pairs)} or {name for share, name in fairest if share > TOGETHER}
+    share, name = max(((explained_by((p.first, p.second)), p.second.name) for p in seen.poorer), default=(0.0, ""))
+    partners = {p.second.name for p in _near(seen.pairs)} or ({name} if share > TOGETHER else set())
     for partner in [c for c in able if c not in starts[:begun] and c.name in partners]:
         seen = beside(seen, partner)
     single = again(seen.lone) if seen.lone else alone
